@@ -1,0 +1,35 @@
+#pragma once
+#include <string>
+#include <vector>
+
+#include "sim/mesh/mesh.hpp"
+
+namespace taut {
+
+/// True when this build can mesh through Gmsh.
+bool has_gmsh();
+
+/// A closed polygon [m] that is one region of a 2D domain; edge i runs from vertex i to vertex i + 1 and may carry a
+/// tag name (empty: untagged). Polygons may share edges, which are then meshed conformingly: regions are bonded there.
+struct PolygonRegion {
+  std::string region;
+  std::vector<std::array<double, 2>> vertices;
+  std::vector<std::string> edge_tags;  ///< empty, or one per edge
+};
+
+/// An axis-aligned box [m] that is one region of a 3D domain; touching boxes are meshed conformingly.
+struct BoxRegion {
+  std::string region;
+  std::array<double, 3> lower;
+  std::array<double, 3> upper;
+};
+
+/// Meshes polygons with triangles of about `size` [m]. Throws InputError for self-crossing or degenerate polygons and
+/// when this build has no Gmsh.
+Mesh mesh_polygons(const std::vector<PolygonRegion>& polygons, double size, int order);
+
+/// Meshes boxes with tetrahedra of about `size` [m]. Tags xmin ... zmax are the faces of the whole domain's bounding
+/// box. Errors as above.
+Mesh mesh_boxes(const std::vector<BoxRegion>& boxes, double size, int order);
+
+}  // namespace taut

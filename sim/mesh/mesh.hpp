@@ -1,0 +1,79 @@
+#pragma once
+#include <Eigen/Core>
+#include <array>
+#include <map>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace taut {
+
+/// Simplices only; nodes are numbered vertices first, then edge mid-nodes.
+/// tri6: 3 = mid(0,1), 4 = mid(1,2), 5 = mid(2,0).
+/// tet10: 4 = mid(0,1), 5 = mid(1,2), 6 = mid(0,2), 7 = mid(0,3), 8 = mid(1,3), 9 = mid(2,3).
+enum class ElementShape { tri3, tri6, tet4, tet10 };
+
+constexpr int dimension_of(ElementShape s) { return s == ElementShape::tri3 || s == ElementShape::tri6 ? 2 : 3; }
+constexpr int order_of(ElementShape s) { return s == ElementShape::tri3 || s == ElementShape::tet4 ? 1 : 2; }
+constexpr int nodes_of(ElementShape s) {
+  return s == ElementShape::tri3 ? 3 : s == ElementShape::tri6 ? 6 : s == ElementShape::tet4 ? 4 : 10;
+}
+std::string_view name_of(ElementShape s);
+
+/// A named part of the mesh: points (dimension 0), line segments (1) or triangles (2), each of the mesh's own order
+/// (a quadratic mesh has 3-node segments and 6-node triangles, vertices first).
+struct Tag {
+  int dimension = 0;
+  int nodes_per_entity = 1;
+  std::vector<int> entities;  ///< node numbers, nodes_per_entity per entity
+  int count() const { return static_cast<int>(entities.size()) / nodes_per_entity; }
+  std::vector<int> nodes() const;  ///< sorted, unique
+};
+
+/// Rest geometry: nodes X [m], simplices with one region each, and named parts of the boundary.
+struct Mesh {
+  ElementShape shape = ElementShape::tri3;
+  Eigen::VectorXd X;              ///< rest positions [m], stacked node by node: (dimension * node count)
+  std::vector<int> elements;      ///< node numbers, nodes_of(shape) per element, positively oriented
+  std::vector<int> region;        ///< region index of each element
+  std::vector<std::string> region_names;
+  std::map<std::string, Tag> tags;
+
+  int dimension() const { return dimension_of(shape); }
+  int nodes_per_element() const { return nodes_of(shape); }
+  int node_count() const { return static_cast<int>(X.size()) / dimension(); }
+  int element_count() const { return static_cast<int>(elements.size()) / nodes_per_element(); }
+  const int* element(int e) const { return elements.data() + static_cast<size_t>(e) * nodes_per_element(); }
+  Eigen::VectorXd node(int i) const { return X.segment(static_cast<Eigen::Index>(i) * dimension(), dimension()); }
+  /// Diagonal of the bounding box [m].
+  double diagonal() const;
+
+  /// The tag called `name`, or an intersection written "a & b": the boundary entities of the highest dimension whose
+  /// nodes all lie in every named tag (two faces of a box meet in an edge, three in a corner). Throws InputError with
+  /// the known tags when a name is unknown or the intersection is empty.
+  Tag select(std::string_view name) const;
+
+  /// Region index by name; throws InputError with the nearest name.
+  int region_index(std::string_view name) const;
+
+  /// Throws InputError when an element is inverted or degenerate, a node belongs to no element, an index is out of
+  /// range or a region is unnamed. `where` starts the message (a file name, say).
+  void check(std::string_view where) const;
+};
+
+/// Facets (edges in 2D, triangles in 3D) that belong to one element only, in the mesh's order, outward oriented.
+Tag boundary(const Mesh& mesh);
+
+/// The same mesh with quadratic elements: mid-nodes on straight edges. Tags and regions are carried over.
+Mesh to_quadratic(const Mesh& linear);
+
+/// The element that contains rest point `point` [m] and the shape-function weights of its nodes there.
+/// Throws InputError when the point is farther than 1e-6 diagonals outside the mesh; the message names the distance
+/// and the nearest node.
+struct MaterialPoint {
+  std::vector<int> nodes;
+  std::vector<double> weights;
+};
+MaterialPoint locate(const Mesh& mesh, const Eigen::VectorXd& point);
+
+}  // namespace taut
