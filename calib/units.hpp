@@ -1,4 +1,5 @@
 #pragma once
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -15,6 +16,9 @@ std::vector<std::string> units_of(Quantity quantity);
 /// SI value of one `unit`: 1e-3 for "mm". Throws InputError with the units that are known for `quantity` and the
 /// nearest name when `unit` is not one of them; `where` starts the message.
 double unit_factor(std::string_view unit, Quantity quantity, std::string_view where);
+
+/// The whole of `text` as a finite decimal number ("-1.5e-3", "+2"), independent of the locale; nullopt for all else.
+std::optional<double> parse_number(std::string_view text);
 
 /// "30 mm" to 0.030. The number and the unit are separated by blanks; a pure number has no unit, but "2 %" is 0.02.
 /// Throws InputError for a missing or wrong unit or number; `where` starts the message.

@@ -16,6 +16,7 @@ struct ParameterSpec {
   double lower = -std::numeric_limits<double>::infinity();  ///< smallest physical value
   double upper = std::numeric_limits<double>::infinity();   ///< largest physical value
   std::string meaning;  ///< one phrase for a person
+  bool logarithmic = false;  ///< a modulus or stiffness: positive, known by its order of magnitude, fitted as its logarithm
 };
 
 /// Values of all parameters of a model, in the order of their table, SI units. Shape: (table.size()).

@@ -1,0 +1,32 @@
+#pragma once
+#include <Eigen/Core>
+#include <memory>
+
+#include "sim/mesh/mesh.hpp"
+
+namespace taut {
+
+/// One measured quantity y(u) [m] of a state, with its derivative.
+class Channel {
+ public:
+  virtual ~Channel() = default;
+  virtual double value(const Eigen::VectorXd& u) const = 0;
+  /// dy/du, all unknowns.
+  virtual Eigen::VectorXd gradient(const Eigen::VectorXd& u) const = 0;
+};
+
+/// y = weights . u: displacement of a material point, mean displacement of a face (see sim/terms/load.hpp for weights).
+std::unique_ptr<Channel> make_linear_channel(Eigen::VectorXd weights);
+
+/// Displacement in `direction` (normalised here; its sense is the sign) of a marker that stands `standoff` [m] off the
+/// material point `foot` and turns with the patch `tag`:
+///
+///   y = direction . ( u(foot) + (R - I) standoff ),   R = the rotation of the polar decomposition of sum_i w_i (x_i - x_c)(X_i - X_c)^T
+///
+/// over the patch's nodes, w_i their shares of the patch, c its weighted centre. A patch rather than the rotation at one
+/// point, because beside a line load the latter depends on the mesh. Throws InputError when the patch does not define a
+/// rotation (nodes on one point; in 3D, on one line).
+std::unique_ptr<Channel> make_marker_channel(const Mesh& mesh, const MaterialPoint& foot, const Eigen::VectorXd& standoff,
+                                             const Tag& patch, const Eigen::VectorXd& direction);
+
+}  // namespace taut

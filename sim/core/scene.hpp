@@ -1,0 +1,70 @@
+#pragma once
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "sim/core/model.hpp"
+#include "sim/mesh/mesh.hpp"
+#include "sim/terms/solid.hpp"
+
+namespace taut {
+
+/// A model with a value for each of its parameters: what a forward solve needs.
+struct Scene {
+  std::unique_ptr<Model> model;
+  Params values;
+};
+
+/// Puts a model together by name: regions to materials, tags to supports and loads. Every number becomes a declared
+/// parameter: material constants as "<constant>_<region>" (E_foam, nu_foam, density_foam), "thickness" in 2D, and what the
+/// caller declares. Everything that does not fit the mesh throws InputError.
+class SceneBuilder {
+ public:
+  /// `thickness` [m] counts in 2D only.
+  SceneBuilder(Mesh mesh, Plane plane = Plane::strain, double thickness = 1.0);
+
+  const Mesh& mesh() const { return mesh_; }
+  const ParameterTable& parameters() const { return parameters_; }
+
+  /// Declares a parameter or a control (a load, a prescribed displacement) and returns its index.
+  int declare(ParameterSpec spec, double value);
+
+  /// Material of a region; `constants` by the law's ids, checked against their bounds.
+  void add_solid(const std::string& region, const std::string& law, const std::map<std::string, double>& constants,
+                 Formulation formulation = Formulation::standard);
+
+  /// Clamps components (0 = x, ...) of all nodes of a tag.
+  void fix(const std::string& tag, const std::vector<int>& components);
+  /// u[component] = p[control] on all nodes of a tag.
+  void prescribe(const std::string& tag, int component, int control);
+
+  /// Dead force of p[control] newtons in all, spread evenly over a tag; with `gravity` >= 0 the control is a mass [kg] and
+  /// the force p[control] * p[gravity].
+  void add_force(const std::string& tag, const Eigen::VectorXd& direction, int control, int gravity = -1);
+  /// The same at one material point.
+  void add_point_force(const Eigen::VectorXd& point, const Eigen::VectorXd& direction, int control, int gravity = -1);
+  /// Dead traction of p[control] pascals of rest area on a facet tag.
+  void add_traction(const std::string& tag, const Eigen::VectorXd& direction, int control);
+  /// Self-weight of a region: density [kg/m^3] and the index of the acceleration [m/s^2].
+  void add_weight(const std::string& region, double density, const Eigen::VectorXd& direction, int gravity);
+
+  /// The finished scene. Throws InputError when a region has no material or the supports leave a rigid motion free.
+  Scene build();
+
+ private:
+  void support(const std::string& tag, int component, int control);
+  void check_rigid_motions() const;
+  void check_direction(const Eigen::VectorXd& direction) const;
+
+  Mesh mesh_;
+  Plane plane_;
+  int thickness_ = -1;
+  ParameterTable parameters_;
+  std::vector<double> values_;
+  std::vector<std::unique_ptr<Term>> terms_;
+  std::vector<bool> has_material_;
+  std::map<int, Support> supports_;
+};
+
+}  // namespace taut

@@ -1,0 +1,107 @@
+#pragma once
+#include <Eigen/Core>
+#include <cmath>
+#include <vector>
+
+#include "sim/core/parameters.hpp"
+
+namespace taut {
+
+/// Sets of nodes that an energy couples: clique c holds nodes[offsets[c]] ... nodes[offsets[c + 1] - 1], all different.
+struct Cliques {
+  std::vector<int> offsets{0};
+  std::vector<int> nodes;
+  int count() const { return static_cast<int>(offsets.size()) - 1; }
+  int size(int clique) const { return offsets[static_cast<size_t>(clique) + 1] - offsets[static_cast<size_t>(clique)]; }
+  const int* begin(int clique) const { return nodes.data() + offsets[static_cast<size_t>(clique)]; }
+  template <class Range>
+  void add(const Range& range) {
+    nodes.insert(nodes.end(), std::begin(range), std::end(range));
+    offsets.push_back(static_cast<int>(nodes.size()));
+  }
+};
+
+/// Second derivatives as they are, or made positive semi-definite element by element. Only the exact ones are used for
+/// sensitivities, tangent stiffness and the test for a minimum.
+enum class Curvature { exact, projected };
+
+/// Where an energy is evaluated: displacements u = x - X [m] of all nodes, stacked node by node, and all parameters.
+struct Point {
+  const Eigen::VectorXd& u;
+  const Params& p;
+};
+
+/// Collects what terms contribute: energy and, where asked for, gradient and Hessian. The Hessian goes into the values of
+/// a fixed sparsity pattern (lower triangle, fixed unknowns left out), or, times a direction, into a vector.
+class Assembly {
+ public:
+  double energy = 0;              ///< [J]
+  double magnitude = 0;           ///< sum of |contributions| [J]; rounding in `energy` is about epsilon times this
+  Eigen::VectorXd* gradient = nullptr;         ///< [N], all unknowns
+  double* hessian = nullptr;                   ///< [N/m], values of the pattern; one more slot at the end takes the rest
+  const Eigen::VectorXd* direction = nullptr;  ///< all unknowns; with it `product` receives Hessian * direction
+  Eigen::VectorXd* product = nullptr;
+  Curvature curvature = Curvature::exact;
+
+  bool wants_hessian() const { return hessian != nullptr || product != nullptr; }
+
+  void add_energy(double value) {
+    energy += value;
+    magnitude += std::abs(value);
+  }
+
+  /// Adds an element's gradient; `g` holds `dimension` entries per node.
+  void add_gradient(const int* nodes, int count, int dimension, const double* g) {
+    for (int a = 0; a < count; ++a) {
+      for (int i = 0; i < dimension; ++i) (*gradient)[static_cast<Eigen::Index>(nodes[a]) * dimension + i] += g[a * dimension + i];
+    }
+  }
+
+  /// Adds an element's symmetric Hessian `K`, (n x n) with n = count * dimension, of clique `clique` of the term at work.
+  void add_hessian(int clique, const int* nodes, int count, int dimension, const double* K) {
+    const int n = count * dimension;
+    if (hessian != nullptr) {
+      const int* slot = slots_ + slot_offsets_[clique];
+      for (int r = 0; r < n; ++r) {
+        for (int c = 0; c <= r; ++c) hessian[*slot++] += K[r * n + c];
+      }
+    }
+    if (product != nullptr) {
+      for (int r = 0; r < n; ++r) {
+        double sum = 0;
+        for (int c = 0; c < n; ++c) {
+          sum += K[r * n + c] * (*direction)[static_cast<Eigen::Index>(nodes[c / dimension]) * dimension + c % dimension];
+        }
+        (*product)[static_cast<Eigen::Index>(nodes[r / dimension]) * dimension + r % dimension] += sum;
+      }
+    }
+  }
+
+  /// Set by the model before each term: where the entries of its cliques' Hessians go.
+  void use_slots(const int* slots, const size_t* offsets) {
+    slots_ = slots;
+    slot_offsets_ = offsets;
+  }
+
+ private:
+  const int* slots_ = nullptr;
+  const size_t* slot_offsets_ = nullptr;
+};
+
+/// One energy in joules, a pure function E(u; p) of displacements and parameters, with all its derivatives. Everything
+/// physical is a term: solids, loads, self-weight, and what comes later (cables, contact, joints, inertia).
+class Term {
+ public:
+  virtual ~Term() = default;
+  /// The node sets whose unknowns this energy couples; linear energies have none.
+  virtual Cliques cliques() const { return {}; }
+  /// Adds energy, gradient dE/du [N] and Hessian d2E/du2 [N/m] as the assembly asks. An inadmissible state has energy +inf
+  /// and may leave the derivatives unfinished.
+  virtual void assemble(const Point& at, Assembly& out) const = 0;
+  /// Whether E depends on parameter `index` of the model's table.
+  virtual bool depends_on(int index) const = 0;
+  /// Adds the mixed derivative d2E/du dp_index [N per unit of the parameter] to `out`, all unknowns.
+  virtual void add_parameter_gradient(const Point& at, int index, Eigen::VectorXd& out) const = 0;
+};
+
+}  // namespace taut

@@ -1,0 +1,13 @@
+#pragma once
+#include <tuple>
+
+#include "sim/materials/neo_hookean.hpp"
+
+namespace taut {
+
+/// The list of materials. A new material is one new file and its name here: factory, help, experiment files and the
+/// test battery follow from this list.
+template <class T = double>
+using AllMaterials = std::tuple<NeoHookean<T>>;
+
+}  // namespace taut

@@ -1,0 +1,375 @@
+#include "sim/mesh/gmsh.hpp"
+
+#include "sim/core/error.hpp"
+
+#if TAUT_HAS_GMSH
+#include <fmt/format.h>
+#include <gmsh.h>
+
+#include <algorithm>
+#include <cmath>
+#include <mutex>
+#include <unordered_map>
+
+#include "sim/mesh/outline.hpp"
+#include "sim/mesh/topology.hpp"
+
+namespace taut {
+namespace {
+
+/// One Gmsh session with an empty model. Gmsh is one global object, so sessions exclude each other.
+class Session {
+ public:
+  Session() : lock_(mutex()) {
+    gmsh::initialize(0, nullptr, false);
+    gmsh::option::setNumber("General.Terminal", 0);
+    gmsh::option::setNumber("General.NumThreads", 1);
+    gmsh::option::setNumber("Mesh.Algorithm", 6);    // frontal Delaunay: the most even triangles
+    gmsh::option::setNumber("Mesh.Algorithm3D", 1);  // Delaunay
+    gmsh::option::setNumber("Mesh.RandomSeed", 1);
+    gmsh::option::setNumber("Mesh.ElementOrder", 1);  // to_quadratic() adds the mid-nodes
+    gmsh::model::add("taut");
+  }
+  ~Session() {
+    try {
+      gmsh::finalize();
+    } catch (...) {  // the mesh is already read back: nothing is lost
+    }
+  }
+  Session(const Session&) = delete;
+  Session& operator=(const Session&) = delete;
+
+ private:
+  static std::mutex& mutex() {
+    static std::mutex instance;
+    return instance;
+  }
+  std::lock_guard<std::mutex> lock_;
+};
+
+/// Runs `work` in a session and turns what Gmsh throws into an InputError.
+template <class Work>
+Mesh with_gmsh(Work&& work) {
+  try {
+    const Session session;
+    return work();
+  } catch (const InputError&) {
+    throw;
+  } catch (const std::exception& error) {
+    throw InputError(fmt::format("Gmsh cannot mesh this geometry: {}", error.what()));
+  } catch (const std::string& error) {
+    throw InputError(fmt::format("Gmsh cannot mesh this geometry: {}", error));
+  } catch (int code) {
+    throw InputError(fmt::format("Gmsh cannot mesh this geometry: error {}", code));
+  }
+}
+
+void check_size(double size, int order, double cells) {
+  if (!(size > 0.0) || !std::isfinite(size)) {
+    throw InputError(fmt::format("mesh size {} m must be positive", size));
+  }
+  if (order != 1 && order != 2) throw InputError(fmt::format("element order {}; 1 and 2 are allowed", order));
+  constexpr double most_cells = 1e7;
+  if (cells > most_cells) {
+    throw InputError(
+        fmt::format("mesh size {:.4g} mm would make about {:.1g} elements; choose a larger one", 1e3 * size, cells));
+  }
+}
+
+/// The different region names, in the order of the input.
+template <class Region>
+std::vector<std::string> names_of(const std::vector<Region>& regions) {
+  std::vector<std::string> names;
+  for (const Region& r : regions) {
+    if (std::find(names.begin(), names.end(), r.region) == names.end()) names.push_back(r.region);
+  }
+  return names;
+}
+
+/// Scales to O(1) numbers and back: Gmsh's tolerances are absolute.
+struct Scaling {
+  std::vector<double> origin;
+  double length;
+  double to_gmsh(size_t axis, double x) const { return (x - origin[axis]) / length; }
+  double from_gmsh(size_t axis, double x) const { return origin[axis] + length * x; }
+};
+
+/// Reads back nodes and elements; remembers which mesh node each Gmsh node became.
+class Reader {
+ public:
+  Reader(Mesh& mesh, const Scaling& scaling) : mesh_(mesh) {
+    std::vector<size_t> numbers;
+    std::vector<double> coordinates;
+    std::vector<double> unused;
+    gmsh::model::mesh::getNodes(numbers, coordinates, unused, -1, -1, false, false);
+    const size_t d = static_cast<size_t>(mesh.dimension());
+    mesh_.X.resize(static_cast<Eigen::Index>(numbers.size() * d));
+    for (size_t i = 0; i < numbers.size(); ++i) {
+      index_[numbers[i]] = static_cast<int>(i);
+      for (size_t c = 0; c < d; ++c) mesh_.X[i * d + c] = scaling.from_gmsh(c, coordinates[3 * i + c]);
+    }
+  }
+
+  /// Mesh nodes of all simplices of a Gmsh entity.
+  std::vector<int> simplices(int dimension, int entity) const {
+    constexpr int gmsh_type[] = {15, 1, 2, 4};
+    std::vector<size_t> elements;
+    std::vector<size_t> nodes;
+    gmsh::model::mesh::getElementsByType(gmsh_type[dimension], elements, nodes, entity);
+    std::vector<int> result;
+    for (size_t node : nodes) result.push_back(index_.at(node));
+    return result;
+  }
+
+  /// Adds the simplices of an entity to a named region.
+  void add_region(int entity, const std::string& region) {
+    const int d = mesh_.dimension();
+    std::vector<int> nodes = simplices(d, entity);
+    if (nodes.empty()) throw InputError(fmt::format("Gmsh made no elements in region '{}'", region));
+    const int index = mesh_.region_index(region);
+    mesh_.elements.insert(mesh_.elements.end(), nodes.begin(), nodes.end());
+    for (; mesh_.region.size() < static_cast<size_t>(mesh_.element_count()); mesh_.region.push_back(index)) {
+      const int e = static_cast<int>(mesh_.region.size());
+      if (vertex_determinant(mesh_, e) < 0.0) flip_element(mesh_.shape, &mesh_.elements[e * (d + 1)]);
+    }
+  }
+
+ private:
+  Mesh& mesh_;
+  std::unordered_map<size_t, int> index_;
+};
+
+Mesh finished(Mesh mesh, int order, std::string_view where) {
+  orient_tags(mesh, where);
+  mesh.check(where);
+  return order == 1 ? std::move(mesh) : to_quadratic(mesh);
+}
+
+std::string name_of_box(const std::vector<BoxRegion>& boxes, size_t k) {
+  return fmt::format("box {} (region '{}')", k, boxes[k].region);
+}
+
+void check_extents(const std::vector<BoxRegion>& boxes) {
+  if (boxes.empty()) throw InputError("no boxes to mesh; give at least one");
+  for (size_t k = 0; k < boxes.size(); ++k) {
+    if (boxes[k].region.empty()) throw InputError(fmt::format("box {} has no region name; give it one", k));
+    for (size_t c = 0; c < 3; ++c) {
+      const double extent = boxes[k].upper[c] - boxes[k].lower[c];
+      if (!std::isfinite(extent) || extent <= 0.0) {
+        throw InputError(fmt::format("{}: along {} it goes from {:.6g} to {:.6g} mm; upper must exceed lower",
+                                     name_of_box(boxes, k), "xyz"[c], 1e3 * boxes[k].lower[c],
+                                     1e3 * boxes[k].upper[c]));
+      }
+    }
+  }
+}
+
+void check_apart(const std::vector<BoxRegion>& boxes) {
+  for (size_t k = 0; k < boxes.size(); ++k) {
+    for (size_t m = 0; m < k; ++m) {
+      bool apart = false;
+      for (size_t c = 0; c < 3; ++c) {
+        apart = apart || boxes[k].lower[c] >= boxes[m].upper[c] || boxes[m].lower[c] >= boxes[k].upper[c];
+      }
+      if (!apart) {
+        throw InputError(
+            fmt::format("{} and {} overlap; boxes may only share faces", name_of_box(boxes, m), name_of_box(boxes, k)));
+      }
+    }
+  }
+}
+
+/// The different coordinates of all box faces along one axis, those closer than `tolerance` joined.
+std::vector<double> planes(const std::vector<BoxRegion>& boxes, size_t axis, double tolerance) {
+  std::vector<double> all;
+  for (const BoxRegion& box : boxes) all.insert(all.end(), {box.lower[axis], box.upper[axis]});
+  std::sort(all.begin(), all.end());
+  std::vector<double> different;
+  for (double x : all) {
+    if (different.empty() || x - different.back() > tolerance) different.push_back(x);
+  }
+  return different;
+}
+
+/// `x`, or the plane within `tolerance` of it.
+double snapped(double x, const std::vector<double>& to, double tolerance) {
+  for (double plane : to) {
+    if (std::abs(x - plane) <= tolerance) return plane;
+  }
+  return x;
+}
+
+void tag_bounding_faces(Mesh& mesh, const std::vector<std::vector<double>>& planes_of_axis) {
+  const Tag facets = boundary(mesh);
+  for (int c = 0; c < 3; ++c) {
+    for (const bool upper : {false, true}) {
+      const double plane = upper ? planes_of_axis[c].back() : planes_of_axis[c].front();
+      Tag side{2, 3, {}};
+      for (int f = 0; f < facets.count(); ++f) {
+        const auto first = facets.entities.begin() + 3 * f;
+        // Exact, because nodes were snapped to the planes.
+        if (std::all_of(first, first + 3, [&](int node) { return mesh.X[3 * node + c] == plane; })) {
+          side.entities.insert(side.entities.end(), first, first + 3);
+        }
+      }
+      mesh.tags[std::string(1, "xyz"[c]) + (upper ? "max" : "min")] = std::move(side);
+    }
+  }
+}
+
+}  // namespace
+
+bool has_gmsh() {
+  return true;
+}
+
+Mesh mesh_polygons(const std::vector<PolygonRegion>& polygons, double size, int order) {
+  const Outline outline = outline_of(polygons);
+  check_size(size, order, outline.area / (0.43 * size * size));
+  const Scaling scaling{{outline.lower[0], outline.lower[1]}, outline.diagonal};
+  return with_gmsh([&] {
+    namespace geo = gmsh::model::geo;
+    std::vector<int> points;
+    for (const auto& [x, y] : outline.points) {
+      points.push_back(geo::addPoint(scaling.to_gmsh(0, x), scaling.to_gmsh(1, y), 0.0, size / outline.diagonal));
+    }
+    std::vector<int> lines;
+    for (const auto& [a, b] : outline.lines) lines.push_back(geo::addLine(points[a], points[b]));
+    std::vector<int> surfaces;
+    for (const std::vector<int>& loop : outline.loops) {
+      std::vector<int> signed_lines;
+      for (int line : loop) signed_lines.push_back(line > 0 ? lines[line - 1] : -lines[-line - 1]);
+      surfaces.push_back(geo::addPlaneSurface({geo::addCurveLoop(signed_lines)}));
+    }
+    geo::synchronize();
+    gmsh::model::mesh::generate(2);
+
+    Mesh mesh;
+    mesh.shape = ElementShape::tri3;
+    mesh.region_names = names_of(polygons);
+    Reader reader(mesh, scaling);
+    // Undo the round-off of scaling where the exact coordinate is known.
+    for (size_t l = 0; l < lines.size(); ++l) {
+      const auto& a = outline.points[outline.lines[l][0]];
+      const auto& b = outline.points[outline.lines[l][1]];
+      for (int node : reader.simplices(1, lines[l])) {
+        for (size_t c = 0; c < 2; ++c) {
+          if (a[c] == b[c]) mesh.X[2 * node + c] = a[c];
+        }
+      }
+    }
+    for (size_t p = 0; p < points.size(); ++p) {
+      for (int node : reader.simplices(0, points[p]))
+        mesh.X.segment<2>(2 * node) << outline.points[p][0], outline.points[p][1];
+    }
+    for (size_t k = 0; k < polygons.size(); ++k) reader.add_region(surfaces[k], polygons[k].region);
+    for (const auto& [name, tagged] : outline.tags) {
+      Tag& tag = mesh.tags[name] = Tag{1, 2, {}};
+      for (int line : tagged) {
+        const std::vector<int> segments = reader.simplices(1, lines[line]);
+        tag.entities.insert(tag.entities.end(), segments.begin(), segments.end());
+      }
+    }
+    return finished(std::move(mesh), order, "mesh of polygons");
+  });
+}
+
+Mesh mesh_boxes(const std::vector<BoxRegion>& boxes, double size, int order) {
+  check_extents(boxes);
+  double diagonal = 0.0;
+  for (size_t c = 0; c < 3; ++c) {
+    const std::vector<double> axis = planes(boxes, c, 0.0);
+    diagonal = std::hypot(diagonal, axis.back() - axis.front());
+  }
+  // Faces that differ by round-off only (0.1 + 0.2 and 0.3) are one plane.
+  const double tolerance = 1e-9 * diagonal;
+  std::vector<std::vector<double>> planes_of_axis;
+  std::vector<BoxRegion> joined = boxes;
+  for (size_t c = 0; c < 3; ++c) {
+    planes_of_axis.push_back(planes(boxes, c, tolerance));
+    for (BoxRegion& box : joined) {
+      box.lower[c] = snapped(box.lower[c], planes_of_axis[c], tolerance);
+      box.upper[c] = snapped(box.upper[c], planes_of_axis[c], tolerance);
+    }
+  }
+  check_extents(joined);
+  check_apart(joined);
+  double volume = 0.0;
+  for (const BoxRegion& box : joined) {
+    volume += (box.upper[0] - box.lower[0]) * (box.upper[1] - box.lower[1]) * (box.upper[2] - box.lower[2]);
+  }
+  check_size(size, order, volume / (0.12 * size * size * size));
+  const Scaling scaling{{planes_of_axis[0].front(), planes_of_axis[1].front(), planes_of_axis[2].front()}, diagonal};
+
+  return with_gmsh([&] {
+    namespace occ = gmsh::model::occ;
+    gmsh::vectorpair volumes;
+    for (const BoxRegion& box : joined) {
+      std::array<double, 3> corner;
+      std::array<double, 3> extent;
+      for (size_t c = 0; c < 3; ++c) {
+        corner[c] = scaling.to_gmsh(c, box.lower[c]);
+        extent[c] = scaling.to_gmsh(c, box.upper[c]) - corner[c];
+      }
+      volumes.emplace_back(3, occ::addBox(corner[0], corner[1], corner[2], extent[0], extent[1], extent[2]));
+    }
+    if (volumes.size() > 1) {
+      gmsh::vectorpair fragments;
+      std::vector<gmsh::vectorpair> origins;
+      occ::fragment({volumes.front()}, {volumes.begin() + 1, volumes.end()}, fragments, origins);
+    }
+    occ::synchronize();
+    gmsh::option::setNumber("Mesh.MeshSizeMax", size / diagonal);
+    gmsh::model::mesh::generate(3);
+
+    Mesh mesh;
+    mesh.shape = ElementShape::tet4;
+    mesh.region_names = names_of(joined);
+    Reader reader(mesh, scaling);
+    for (Eigen::Index i = 0; i < mesh.X.size(); ++i) mesh.X[i] = snapped(mesh.X[i], planes_of_axis[i % 3], tolerance);
+    gmsh::vectorpair pieces;
+    gmsh::model::getEntities(pieces, 3);
+    for (const auto& [dimension, piece] : pieces) {
+      std::array<double, 3> centre;
+      occ::getCenterOfMass(dimension, piece, centre[0], centre[1], centre[2]);
+      const auto owner = std::find_if(joined.begin(), joined.end(), [&](const BoxRegion& box) {
+        bool inside = true;
+        for (size_t c = 0; c < 3; ++c) {
+          const double x = scaling.from_gmsh(c, centre[c]);
+          inside = inside && box.lower[c] < x && x < box.upper[c];
+        }
+        return inside;
+      });
+      if (owner == joined.end()) throw InputError("Gmsh made a volume that belongs to none of the boxes");
+      reader.add_region(piece, owner->region);
+    }
+    tag_bounding_faces(mesh, planes_of_axis);
+    return finished(std::move(mesh), order, "mesh of boxes");
+  });
+}
+
+}  // namespace taut
+
+#else
+
+namespace taut {
+namespace {
+
+[[noreturn]] void refuse() {
+  throw InputError("this build has no Gmsh; configure with -DTAUT_GMSH=ON, or read a .msh file instead");
+}
+
+}  // namespace
+
+bool has_gmsh() {
+  return false;
+}
+Mesh mesh_polygons(const std::vector<PolygonRegion>&, double, int) {
+  refuse();
+}
+Mesh mesh_boxes(const std::vector<BoxRegion>&, double, int) {
+  refuse();
+}
+
+}  // namespace taut
+#endif

@@ -1,0 +1,151 @@
+#include <fmt/format.h>
+
+#include <Eigen/QR>
+#include <cmath>
+#include <limits>
+
+#include "sim/core/error.hpp"
+#include "sim/mesh/mesh.hpp"
+#include "sim/mesh/shape_functions.hpp"
+#include "sim/mesh/topology.hpp"
+
+namespace taut {
+namespace {
+
+template <ElementShape S>
+struct ElementGeometry {
+  using Reference = ReferenceElement<S>;
+  static constexpr int D = Reference::D;
+  static constexpr int N = Reference::N;
+  using Point = Eigen::Matrix<double, D, 1>;
+  Eigen::Matrix<double, D, N> X;
+
+  ElementGeometry(const Mesh& mesh, int element) {
+    for (int a = 0; a < N; ++a) X.col(a) = mesh.X.template segment<D>(mesh.element(element)[a] * D);
+  }
+
+  /// Lower bound of the distance to `point`: the element lies in the convex hull of its Bezier control points.
+  double distance_to_box(const Point& point) const {
+    Eigen::Matrix<double, D, N> control = X;
+    for (int k = D + 1; k < N; ++k) {
+      const auto [a, b] = Reference::edges[static_cast<size_t>(k - D - 1)];
+      control.col(k) = 2.0 * X.col(k) - 0.5 * (X.col(a) + X.col(b));
+    }
+    const Point below = control.rowwise().minCoeff() - point;
+    const Point above = point - control.rowwise().maxCoeff();
+    return below.cwiseMax(above).cwiseMax(0.0).norm();
+  }
+
+  struct Closest {
+    Point xi = Point::Zero();
+    double distance = std::numeric_limits<double>::infinity();
+  };
+
+  /// The point nearest to `point` on the sub-simplex whose vertices are the set bits of `mask`, by Gauss-Newton from
+  /// its centroid (one step on straight-sided elements). Infinite distance when that point is outside the sub-simplex.
+  Closest closest_on(unsigned mask, const Point& point) const {
+    std::vector<int> vertices;
+    for (int a = 0; a <= D; ++a) {
+      if ((mask >> a & 1u) != 0) vertices.push_back(a);
+    }
+    const auto corner = [](int a) {
+      Point xi = Point::Zero();
+      if (a > 0) xi[a - 1] = 1.0;
+      return xi;
+    };
+    const int m = static_cast<int>(vertices.size()) - 1;
+    using Free = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, D, 1>;
+    Eigen::Matrix<double, D, Eigen::Dynamic, 0, D, D> directions(D, m);
+    for (int i = 0; i < m; ++i) directions.col(i) = corner(vertices[i + 1]) - corner(vertices[0]);
+
+    Free free = Free::Constant(m, 1.0 / (m + 1));
+    Point xi = corner(vertices[0]) + directions * free;
+    constexpr int most_steps = 40;
+    for (int step = 0; m > 0; ++step) {
+      if (step == most_steps || !free.allFinite()) return {};
+      const Eigen::Matrix<double, D, Eigen::Dynamic, 0, D, D> J = X * Reference::gradients(xi).transpose() * directions;
+      const Free change = J.colPivHouseholderQr().solve(point - X * Reference::values(xi));
+      free += change;
+      xi = corner(vertices[0]) + directions * free;
+      if (change.cwiseAbs().maxCoeff() < 1e-13) break;
+    }
+    // Round-off only: the tolerance for points outside the mesh is the caller's.
+    constexpr double slack = 1e-12;
+    if (m > 0 && (free.minCoeff() < -slack || free.sum() > 1.0 + slack)) return {};
+    for (int i = 0; i < m; ++i) free[i] = std::abs(free[i]) < slack ? 0.0 : free[i];
+    if (m > 0 && std::abs(1.0 - free.sum()) < slack) free /= free.sum();
+    xi = corner(vertices[0]) + directions * free;
+    return {xi, (X * Reference::values(xi) - point).norm()};
+  }
+
+  Closest closest(const Point& point) const {
+    constexpr unsigned whole = (1u << (D + 1)) - 1u;
+    Closest best = closest_on(whole, point);
+    if (std::isfinite(best.distance)) return best;
+    for (unsigned mask = 1; mask < whole; ++mask) {
+      const Closest candidate = closest_on(mask, point);
+      if (candidate.distance < best.distance) best = candidate;
+    }
+    return best;
+  }
+};
+
+template <ElementShape S>
+MaterialPoint locate_in(const Mesh& mesh, const Eigen::VectorXd& query) {
+  using Geometry = ElementGeometry<S>;
+  const typename Geometry::Point point = query;
+  const auto positions = mesh.X.reshaped(Geometry::D, mesh.node_count());
+  Eigen::Index nearest = 0;
+  // The nearest node bounds the distance to the mesh, which spares almost all elements the closer look.
+  double bound = std::sqrt((positions.colwise() - query).colwise().squaredNorm().minCoeff(&nearest));
+  const double round_off = 1e-12 * mesh.diagonal();
+
+  typename Geometry::Closest best;
+  int element = -1;
+  for (int e = 0; e < mesh.element_count(); ++e) {
+    const Geometry geometry(mesh, e);
+    if (geometry.distance_to_box(point) > bound + round_off) continue;
+    const auto candidate = geometry.closest(point);
+    if (candidate.distance >= best.distance) continue;
+    best = candidate;
+    element = e;
+    bound = std::min(bound, best.distance);
+    if (best.distance <= round_off) break;
+  }
+  if (element < 0 || !(best.distance <= 1e-6 * mesh.diagonal())) {
+    throw InputError(fmt::format("point {} lies {:.4g} mm outside the mesh; the nearest node is {} at {}",
+                                 in_millimetres(query), 1e3 * best.distance, nearest,
+                                 in_millimetres(mesh.node(static_cast<int>(nearest)))));
+  }
+  MaterialPoint result;
+  const auto weights = ReferenceElement<S>::values(best.xi);
+  for (int a = 0; a < Geometry::N; ++a) {
+    if (std::abs(weights[a]) < 1e-14) continue;
+    result.nodes.push_back(mesh.element(element)[a]);
+    result.weights.push_back(weights[a]);
+  }
+  return result;
+}
+
+}  // namespace
+
+MaterialPoint locate(const Mesh& mesh, const Eigen::VectorXd& point) {
+  if (point.size() != mesh.dimension() || !point.allFinite()) {
+    throw InputError(fmt::format("point {} does not fit a {}D mesh; give {} finite coordinates", in_millimetres(point),
+                                 mesh.dimension(), mesh.dimension()));
+  }
+  if (mesh.element_count() == 0) throw InputError("a point cannot be located in a mesh without elements");
+  switch (mesh.shape) {
+    case ElementShape::tri3:
+      return locate_in<ElementShape::tri3>(mesh, point);
+    case ElementShape::tri6:
+      return locate_in<ElementShape::tri6>(mesh, point);
+    case ElementShape::tet4:
+      return locate_in<ElementShape::tet4>(mesh, point);
+    case ElementShape::tet10:
+      break;
+  }
+  return locate_in<ElementShape::tet10>(mesh, point);
+}
+
+}  // namespace taut

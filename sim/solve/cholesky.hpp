@@ -1,0 +1,36 @@
+#pragma once
+#include <Eigen/Core>
+#include <memory>
+#include <vector>
+
+#include "sim/core/model.hpp"
+
+namespace taut {
+
+/// Sparse Cholesky factorisation L L^T of the Hessian with CHOLMOD. The fill-reducing ordering and the symbolic analysis
+/// are made once per pattern and reused by every factorisation. One object per thread.
+class Cholesky {
+ public:
+  explicit Cholesky(const SparsePattern& pattern);
+  ~Cholesky();
+  Cholesky(Cholesky&&) noexcept;
+  Cholesky& operator=(Cholesky&&) noexcept;
+
+  /// Factorises the matrix with these values (pattern.entries() of them) plus shift * I. False when it is not positive
+  /// definite; the factor is then unusable until the next success.
+  bool factorise(const std::vector<double>& values, double shift = 0);
+  /// Solves with the last factor. Shape of b: (n) or (n x k).
+  Eigen::MatrixXd solve(const Eigen::MatrixXd& b) const;
+  /// Number of factorisations tried so far: the unit in which solves are counted.
+  int factorisations() const;
+
+ private:
+  struct Implementation;
+  std::unique_ptr<Implementation> implementation_;
+};
+
+/// CHOLMOD's dense kernels on one thread: two cores are better spent on two states at a time. Returns false when the BLAS
+/// in use cannot be told (the environment variable OPENBLAS_NUM_THREADS does it then).
+bool use_one_blas_thread();
+
+}  // namespace taut

@@ -1,0 +1,300 @@
+#include "sim/solve/equilibrium.hpp"
+
+#include <fmt/format.h>
+
+#include <limits>
+#include <stdexcept>
+
+namespace taut {
+namespace {
+
+constexpr double infinity = std::numeric_limits<double>::infinity();
+constexpr double epsilon = std::numeric_limits<double>::epsilon();
+
+double largest(const Eigen::VectorXd& v) { return v.size() == 0 ? 0.0 : v.cwiseAbs().maxCoeff(); }
+
+}  // namespace
+
+std::string_view name_of(SolveStatus status) {
+  switch (status) {
+    case SolveStatus::converged: return "converged";
+    case SolveStatus::infeasible_start: return "infeasible start";
+    case SolveStatus::iteration_limit: return "iteration limit";
+    case SolveStatus::stalled: return "stalled";
+    case SolveStatus::not_a_minimum: return "not a minimum";
+    case SolveStatus::load_step_limit: return "load step limit";
+    case SolveStatus::interrupted: return "interrupted";
+  }
+  return "";
+}
+
+std::string SolveReport::message() const {
+  std::string text = fmt::format("{}: {} Newton iterations, {} factorisations, {} load step{}", name_of(status), iterations,
+                                 factorisations, load_steps, load_steps == 1 ? "" : "s");
+  if (left_saddle) text += ", left an unstable equilibrium";
+  if (status != SolveStatus::converged) {
+    text += fmt::format(", reached {:.3g} % of the load, out-of-balance force {:.3g} N", 100 * reached, gradient);
+  }
+  return text;
+}
+
+Equilibrium::Equilibrium(const Model& model, EquilibriumOptions options)
+    : model_(&model), options_(options), cholesky_(model.pattern()), values_(static_cast<size_t>(model.pattern().entries()) + 1) {}
+
+void Equilibrium::start_at_rest(const Params& p) { start_at(Eigen::VectorXd::Zero(model_->unknowns()), p); }
+
+void Equilibrium::start_at(const Eigen::VectorXd& u, const Params& p) {
+  u_ = u;
+  p_ = p;
+  has_factor_ = false;
+}
+
+double Equilibrium::mean_diagonal() const {
+  const SparsePattern& pattern = model_->pattern();
+  double sum = 0;
+  for (int j = 0; j < pattern.size; ++j) sum += std::abs(values_[static_cast<size_t>(pattern.columns[static_cast<size_t>(j)])]);
+  return sum / std::max(1, pattern.size);
+}
+
+/// Assembles gradient and Hessian at u and factorises: exact, else projected, else projected and shifted.
+bool Equilibrium::factorise(bool& exact, const Eigen::VectorXd& u, const Params& p, Eigen::VectorXd& gradient) {
+  Assembly out;
+  out.gradient = &gradient;
+  out.hessian = values_.data();
+  out.curvature = options_.always_project ? Curvature::projected : Curvature::exact;
+  model_->evaluate({u, p}, out);
+  exact = !options_.always_project;
+  if (cholesky_.factorise(values_)) return true;
+  exact = false;
+  ++report_.projections;
+  if (!options_.always_project) {
+    out.curvature = Curvature::projected;
+    model_->evaluate({u, p}, out);
+  }
+  for (double shift = 0, scale = mean_diagonal(); shift < 1e3 * scale; shift = std::max(10 * shift, 1e-8 * scale)) {
+    if (cholesky_.factorise(values_, shift)) return true;
+    if (scale == 0 || !std::isfinite(scale)) break;
+  }
+  return false;
+}
+
+Eigen::VectorXd Equilibrium::free_gradient_at(const Eigen::VectorXd& u, const Params& p) const {
+  Eigen::VectorXd gradient;
+  Assembly out;
+  out.gradient = &gradient;
+  model_->evaluate({u, p}, out);
+  return model_->restrict_to_free(gradient);
+}
+
+/// Newton's method at fixed p. `u` is the start (supports imposed) and the result.
+///
+/// Line search with a watchdog (Chamberlain et al. 1982): a full step that raises the energy is taken all the same, once,
+/// and only when the step after it does not make up for it does the search go back and shorten the first one. A step
+/// along a stiff constraint (a segment that turns, a volume that must not change) leaves it to second order; a line search
+/// alone would creep along, where the next Newton step simply returns to it.
+Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params& p) {
+  struct {
+    Eigen::VectorXd u, step;
+    Assembly energy;
+    double slope = 0;
+  } reference;
+  Assembly energy, next;
+  model_->evaluate({u, p}, energy);
+  if (!std::isfinite(energy.energy)) return {SolveStatus::infeasible_start, false};
+
+  const double tolerance = options_.step_tolerance * model_->length_scale();
+  Eigen::VectorXd gradient, trial;
+  bool on_trust = false;  // the last step raised the energy and is still to be made up for
+  for (int iteration = 0; iteration < options_.max_iterations; ++iteration) {
+    if (stopped()) return {SolveStatus::interrupted, false};
+    bool exact = true;
+    if (!factorise(exact, u, p, gradient)) return {SolveStatus::stalled, false};
+    ++report_.iterations;
+    const Eigen::VectorXd free_gradient = model_->restrict_to_free(gradient);
+    const Eigen::VectorXd free_step = -cholesky_.solve(free_gradient);
+    if (!free_step.allFinite()) return {SolveStatus::stalled, false};
+    report_.gradient = largest(free_gradient);
+    const double slope = free_gradient.dot(free_step);  // < 0, twice the predicted decrease
+    const double noise = 10 * epsilon * energy.magnitude;
+    const Eigen::VectorXd step = model_->extend_from_free(free_step);
+
+    // Near the rounding floor energies cannot tell better from worse; the gradient can (approximate Wolfe conditions).
+    auto better_by_gradient = [&] {
+      if (!(next.energy <= energy.energy + noise)) return false;
+      const Eigen::VectorXd free_trial = free_gradient_at(trial, p);
+      return std::abs(free_trial.dot(free_step)) <= 0.9 * std::abs(slope) || free_trial.norm() <= 0.9 * free_gradient.norm();
+    };
+
+    trial = u + step;
+    model_->evaluate({trial, p}, next);
+    // The Newton step is the error estimate. A last full step costs no factorisation and leaves an error of its square.
+    if (largest(free_step) <= tolerance) {
+      if (next.energy <= energy.energy + noise) u = trial;
+      return {SolveStatus::converged, exact};
+    }
+    if (!on_trust) reference = {u, step, energy, slope};
+    const bool sufficient = next.energy <= reference.energy.energy + 1e-4 * reference.slope || better_by_gradient();
+    if (sufficient || (!on_trust && std::isfinite(next.energy))) {
+      on_trust = !sufficient;
+      u = trial;
+      energy = next;
+      continue;
+    }
+
+    on_trust = false;
+    double fraction = 0.5;
+    for (; fraction > 1e-9; fraction *= 0.5) {
+      trial = reference.u + fraction * reference.step;
+      model_->evaluate({trial, p}, next);
+      if (next.energy <= reference.energy.energy + 1e-4 * fraction * reference.slope) break;
+    }
+    u = fraction > 1e-9 ? trial : reference.u;
+    energy = fraction > 1e-9 ? next : reference.energy;
+    if (fraction > 1e-9) continue;
+    // No acceptable step; when even the predicted decrease is below what rounding lets us see, this is the floor.
+    const bool floor = std::abs(reference.slope) <= 10 * epsilon * reference.energy.magnitude;
+    return {floor ? SolveStatus::converged : SolveStatus::stalled, false};
+  }
+  return {SolveStatus::iteration_limit, false};
+}
+
+/// At a stationary point whose exact Hessian is not positive definite: finds the direction of the lowest eigenvalue by
+/// inverse iteration and steps along it, to the side of lower energy. False when there is no negative curvature.
+bool Equilibrium::leave_saddle(Eigen::VectorXd& u, const Params& p) {
+  Assembly out;
+  out.hessian = values_.data();
+  model_->evaluate({u, p}, out);
+  const double scale = mean_diagonal();
+  double shift = 1e-10 * scale;
+  while (!cholesky_.factorise(values_, shift)) {
+    shift *= 10;
+    if (!(shift < 1e3 * scale)) return false;
+  }
+  Eigen::VectorXd mode(model_->free_unknowns());
+  for (Eigen::Index i = 0; i < mode.size(); ++i) mode[i] = 1.0 + 0.5 * std::sin(1.0 + 0.7 * static_cast<double>(i));
+  for (int iteration = 0; iteration < 20; ++iteration) mode = cholesky_.solve(mode.normalized());
+  mode /= largest(mode);
+  const Eigen::VectorXd direction = model_->extend_from_free(mode);
+  if (!(model_->hessian_times({u, p}, direction).dot(direction) < 0)) return false;
+  Eigen::VectorXd best;
+  double lowest = infinity;
+  for (double amplitude = 1e-2 * model_->length_scale(); amplitude > 1e-6 * model_->length_scale() && lowest == infinity; amplitude *= 0.5) {
+    for (double sign : {1.0, -1.0}) {
+      const Eigen::VectorXd candidate = u + sign * amplitude * direction;
+      Assembly energy;
+      model_->evaluate({candidate, p}, energy);
+      if (energy.energy < out.energy && energy.energy < lowest) {
+        lowest = energy.energy;
+        best = candidate;
+      }
+    }
+  }
+  if (lowest == infinity) return false;
+  u = best;
+  return true;
+}
+
+/// Minimises from u and makes sure that the result is a minimum whose exact Hessian is factorised.
+SolveStatus Equilibrium::settle(Eigen::VectorXd& u, const Params& p) {
+  has_factor_ = false;
+  for (int attempt = 0; attempt < 4; ++attempt) {
+    const NewtonResult result = minimise(u, p);
+    if (result.status != SolveStatus::converged) return result.status;
+    if (result.exact_factor || !options_.check_minimum) {
+      has_factor_ = result.exact_factor;
+      return SolveStatus::converged;
+    }
+    Assembly out;
+    out.hessian = values_.data();
+    model_->evaluate({u, p}, out);
+    has_factor_ = cholesky_.factorise(values_);
+    if (has_factor_) return SolveStatus::converged;
+    if (!leave_saddle(u, p)) break;
+    report_.left_saddle = true;
+  }
+  return SolveStatus::not_a_minimum;
+}
+
+/// Minus the mixed derivative, on the free unknowns: what H du/dp equals. Moving supports pull through H as well.
+Eigen::VectorXd Equilibrium::right_hand_side(int index) const {
+  Eigen::VectorXd g = model_->parameter_gradient({u_, p_}, index);
+  const Eigen::VectorXd moved = model_->support_derivative(index);
+  if (!moved.isZero(0)) g += model_->hessian_times({u_, p_}, moved);
+  return -model_->restrict_to_free(g);
+}
+
+Eigen::MatrixXd Equilibrium::sensitivities(const std::vector<int>& indices) const {
+  if (!has_factor_) throw std::logic_error("sensitivities need a converged equilibrium");
+  Eigen::MatrixXd rhs(model_->free_unknowns(), static_cast<Eigen::Index>(indices.size()));
+  for (size_t k = 0; k < indices.size(); ++k) rhs.col(static_cast<Eigen::Index>(k)) = right_hand_side(indices[k]);
+  const Eigen::MatrixXd free = cholesky_.solve(rhs);
+  Eigen::MatrixXd all(model_->unknowns(), rhs.cols());
+  for (size_t k = 0; k < indices.size(); ++k) {
+    all.col(static_cast<Eigen::Index>(k)) = model_->extend_from_free(free.col(static_cast<Eigen::Index>(k))) + model_->support_derivative(indices[k]);
+  }
+  return all;
+}
+
+/// First-order prediction of the equilibrium at `p` from the kept factor; the current u with supports imposed without one.
+/// A stiffness enters by its reciprocal, in which displacements of a linear solid are linear.
+Eigen::VectorXd Equilibrium::predict(const Params& p) const {
+  Eigen::VectorXd plain = u_;
+  model_->impose_supports(p, plain);
+  if (!has_factor_) return plain;
+  Eigen::VectorXd rhs = Eigen::VectorXd::Zero(model_->free_unknowns());
+  for (int k = 0; k < p.size(); ++k) {
+    if (p[k] == p_[k]) continue;
+    const bool stiffness = model_->parameters()[k].logarithmic && p_[k] > 0 && p[k] > 0;
+    rhs += (stiffness ? p_[k] * (1 - p_[k] / p[k]) : p[k] - p_[k]) * right_hand_side(k);
+  }
+  Eigen::VectorXd predicted = u_ + model_->extend_from_free(cholesky_.solve(rhs));
+  model_->impose_supports(p, predicted);
+  Assembly a, b;
+  model_->evaluate({predicted, p}, a);
+  model_->evaluate({plain, p}, b);
+  return std::isfinite(a.energy) && !(a.energy > b.energy) ? predicted : plain;
+}
+
+bool Equilibrium::refactorise() {
+  if (has_factor_) return true;
+  Assembly out;
+  out.hessian = values_.data();
+  model_->evaluate({u_, p_}, out);
+  return has_factor_ = std::isfinite(out.energy) && cholesky_.factorise(values_);
+}
+
+const SolveReport& Equilibrium::solve(const Params& p) {
+  report_ = {};
+  const int factorisations = cholesky_.factorisations();
+  const Params start = p_;
+  const double smallest_step = std::ldexp(1.0, -options_.max_halvings);
+  double step = 1;
+  while (report_.reached < 1) {
+    const double target = std::min(1.0, report_.reached + step);
+    const Params next = target == 1.0 ? p : Params(start + target * (p - start));
+    // Supports that move far in one go invert the elements beside them, unless the whole body is predicted to follow.
+    if (model_->support_moves(p_, next)) refactorise();
+    Eigen::VectorXd u = predict(next);
+    report_.status = settle(u, next);
+    if (report_.status == SolveStatus::converged) {
+      u_ = u;
+      p_ = next;
+      report_.reached = target;
+      ++report_.load_steps;
+      step *= 2;
+      continue;
+    }
+    has_factor_ = false;  // it belongs to a state that was given up
+    if (report_.status == SolveStatus::interrupted) break;
+    step *= 0.5;
+    if (step < smallest_step) {
+      if (report_.status != SolveStatus::not_a_minimum) report_.status = SolveStatus::load_step_limit;
+      break;
+    }
+    refactorise();  // for the predictor of the shorter step
+  }
+  report_.factorisations = cholesky_.factorisations() - factorisations;
+  return report_;
+}
+
+}  // namespace taut

@@ -1,0 +1,101 @@
+#pragma once
+#include <Eigen/Core>
+#include <atomic>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "sim/core/model.hpp"
+#include "sim/solve/cholesky.hpp"
+
+namespace taut {
+
+enum class SolveStatus {
+  converged,
+  infeasible_start,  ///< the start has energy +inf (inverted elements)
+  iteration_limit,   ///< Newton's method did not meet the tolerances in the iterations allowed
+  stalled,           ///< no acceptable step although the tolerances are not met
+  not_a_minimum,     ///< a stationary point that is a saddle, and no minimum was found by leaving it
+  load_step_limit,   ///< load steps were halved until the smallest one failed too
+  interrupted        ///< the caller's stop flag was raised
+};
+std::string_view name_of(SolveStatus status);
+
+/// How an equilibrium is searched. The defaults serve statics with stiffness ratios up to 1e6.
+struct EquilibriumOptions {
+  int max_iterations = 40;       ///< Newton iterations per load step before the step is halved
+  double step_tolerance = 1e-9;  ///< largest component of the last Newton step, relative to the bounding-box diagonal
+  int max_halvings = 10;         ///< smallest load step is 2^-max_halvings of the whole
+  bool always_project = false;   ///< for comparison only: project the Hessian in every iteration
+  bool check_minimum = true;     ///< leave saddle points (buckling) and say so
+  const std::atomic<bool>* stop = nullptr;  ///< raised by another thread or a signal handler: end soon
+};
+
+/// What a solve took and how it ended.
+struct SolveReport {
+  SolveStatus status = SolveStatus::converged;
+  int iterations = 0;        ///< Newton iterations, all load steps
+  int factorisations = 0;    ///< Cholesky factorisations, failed ones included
+  int projections = 0;       ///< iterations that needed a projected Hessian
+  int load_steps = 0;        ///< load steps taken; 1 means that the whole load was taken at once
+  bool left_saddle = false;  ///< the path met an unstable equilibrium and left it
+  double reached = 0;        ///< fraction of the load change that was reached
+  double gradient = 0;       ///< largest out-of-balance nodal force at the end [N]
+  std::string message() const;  ///< one phrase for people
+};
+
+/// Static equilibrium u* = argmin_u Pi(u; p): Newton's method on the exact Hessian, projected or shifted only when its
+/// Cholesky factorisation fails, with a line search that survives the rounding floor; load stepping from the last
+/// equilibrium when the whole change is too much at once. Keeps the last equilibrium, its factorised exact Hessian and the
+/// symbolic analysis: the next solve starts from there. One object per thread.
+class Equilibrium {
+ public:
+  explicit Equilibrium(const Model& model, EquilibriumOptions options = {});
+
+  const Model& model() const { return *model_; }
+  const Eigen::VectorXd& u() const { return u_; }  ///< last equilibrium, all unknowns [m]
+  const Params& p() const { return p_; }           ///< its parameters
+  bool has_factor() const { return has_factor_; }  ///< the exact Hessian at u() is factorised
+  const SolveReport& report() const { return report_; }
+
+  /// Forgets the past: rest shape at `p`, in which loads and prescribed displacements are expected to be zero.
+  void start_at_rest(const Params& p);
+  /// Sets a known state as the start of the next solve.
+  void start_at(const Eigen::VectorXd& u, const Params& p);
+
+  /// Moves from the current state to the equilibrium at `p`. On failure the state stays at the last equilibrium that was
+  /// reached on the way (report().reached of the change).
+  const SolveReport& solve(const Params& p);
+
+  /// du/dp_index for each of `indices`, shape (unknowns x indices), at the last equilibrium by the implicit function
+  /// theorem, H du/dp = - d2Pi/du dp, from the kept factorisation. Throws std::logic_error without a factor.
+  Eigen::MatrixXd sensitivities(const std::vector<int>& indices) const;
+
+ private:
+  struct NewtonResult {
+    SolveStatus status;
+    bool exact_factor;  ///< the kept factor is of the exact Hessian at the final u
+  };
+  NewtonResult minimise(Eigen::VectorXd& u, const Params& p);
+  bool leave_saddle(Eigen::VectorXd& u, const Params& p);
+  SolveStatus settle(Eigen::VectorXd& u, const Params& p);
+  Eigen::VectorXd predict(const Params& p) const;
+  Eigen::VectorXd right_hand_side(int index) const;
+  bool factorise(bool& exact, const Eigen::VectorXd& u, const Params& p, Eigen::VectorXd& gradient);
+  Eigen::VectorXd free_gradient_at(const Eigen::VectorXd& u, const Params& p) const;
+  double mean_diagonal() const;
+  /// Factorises the exact Hessian at the last equilibrium if that is not what is kept; false when it is not positive definite.
+  bool refactorise();
+  bool stopped() const { return options_.stop != nullptr && options_.stop->load(); }
+
+  const Model* model_;
+  EquilibriumOptions options_;
+  Cholesky cholesky_;
+  std::vector<double> values_;  ///< Hessian entries, one extra slot
+  Eigen::VectorXd u_;
+  Params p_;
+  bool has_factor_ = false;
+  SolveReport report_;
+};
+
+}  // namespace taut

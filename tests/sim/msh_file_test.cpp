@@ -1,0 +1,335 @@
+#include "sim/mesh/msh_file.hpp"
+
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+
+#if TAUT_HAS_GMSH && __has_include(<gmsh.h>)
+#include <gmsh.h>
+#define TAUT_TEST_WRITES_MSH 1
+#endif
+
+#include "sim/mesh/mesh.hpp"
+#include "tests/support/mesh_checks.hpp"
+#include "tests/support/message.hpp"
+
+namespace taut {
+namespace {
+
+using namespace test;
+
+/// A file in the temporary folder that goes with the test.
+class TemporaryFile {
+ public:
+  explicit TemporaryFile(const std::string& text) {
+    const auto* info = testing::UnitTest::GetInstance()->current_test_info();
+    static int number = 0;
+    path_ = testing::TempDir() + info->test_suite_name() + "_" + info->name() + std::to_string(number++) + ".msh";
+    std::ofstream(path_, std::ios::binary) << text;
+  }
+  ~TemporaryFile() { std::filesystem::remove(path_); }
+  TemporaryFile(const TemporaryFile&) = delete;
+  TemporaryFile& operator=(const TemporaryFile&) = delete;
+  const std::string& path() const { return path_; }
+
+ private:
+  std::string path_;
+};
+
+Mesh read_text(const std::string& text, double unit = 1.0) {
+  const TemporaryFile file(text);
+  return read_msh(file.path(), unit);
+}
+
+std::string replaced(std::string text, const std::string& from, const std::string& to) {
+  const size_t at = text.find(from);
+  EXPECT_NE(at, std::string::npos) << from;
+  return text.replace(at, from.size(), to);
+}
+
+// Two triangles of one square, mm; the second is clockwise. Node 9 is a construction point of no element.
+const std::string square_22 = R"($MeshFormat
+2.2 0 8
+$EndMeshFormat
+$PhysicalNames
+3
+1 5 "left edge"
+2 7 "skin"
+2 8 "core"
+$EndPhysicalNames
+$Nodes
+5
+1 0 0 3
+2 10 0 3
+30 10 10 3
+4 0 10 3
+9 50 50 99
+$EndNodes
+$Elements
+6
+1 15 2 11 1 2
+2 1 2 5 4 1 4
+3 1 2 0 1 1 2
+4 2 2 7 1 1 2 30
+5 2 2 8 2 1 4 30
+6 1 2 6 1 2 30
+$EndElements
+)";
+
+const std::string square_41 = R"($MeshFormat
+4.1 0 8
+$EndMeshFormat
+$PhysicalNames
+3
+1 5 "left edge"
+2 7 "skin"
+2 8 "core"
+$EndPhysicalNames
+$Entities
+1 3 2 0
+2 10 0 3 1 11
+1 0 0 3 10 0 3 0 2 1 -2
+2 10 0 3 10 10 3 1 6 2 2 -3
+4 0 0 3 0 10 3 1 -5 2 4 -1
+1 0 0 3 10 10 3 1 7 3 1 2 3
+2 0 0 3 10 10 3 1 8 3 1 2 3
+$EndEntities
+$Nodes
+2 5 1 30
+2 1 0 4
+1
+2
+30
+4
+0 0 3
+10 0 3
+10 10 3
+0 10 3
+0 5 1 1
+9
+50 50 99 0.5
+$EndNodes
+$Elements
+6 6 1 6
+0 2 15 1
+1 2
+1 4 1 1
+2 1 4
+1 1 1 1
+3 1 2
+1 2 1 1
+6 2 30
+2 1 2 1
+4 1 2 30
+2 2 2 1
+5 1 4 30
+$EndElements
+$NodeData
+1
+"ignored"
+$EndNodeData
+)";
+
+void expect_square(const Mesh& mesh) {
+  EXPECT_EQ(mesh.shape, ElementShape::tri3);
+  EXPECT_EQ(mesh.node_count(), 4);  // the construction point is dropped
+  ASSERT_EQ(mesh.element_count(), 2);
+  EXPECT_NEAR(total_measure(mesh), 1e-4, 1e-18);  // the clockwise triangle is turned round
+  EXPECT_EQ(mesh.region_names, (std::vector<std::string>{"skin", "core"}));
+  EXPECT_EQ(mesh.region, (std::vector<int>{0, 1}));
+  EXPECT_EQ(mesh.elements, (std::vector<int>{0, 1, 2, 0, 2, 3}));
+  ASSERT_EQ(mesh.tags.size(), 3u);
+  EXPECT_EQ(mesh.tags.at("left edge").entities, (std::vector<int>{3, 0}));  // outward: down along the left side
+  EXPECT_EQ(mesh.tags.at("physical_6").entities, (std::vector<int>{1, 2}));
+  EXPECT_EQ(mesh.tags.at("physical_11").dimension, 0);
+  EXPECT_EQ(mesh.tags.at("physical_11").entities, std::vector<int>{1});
+  EXPECT_NEAR(mesh.X[4], 0.01, 1e-18);
+}
+
+TEST(MshFile, Format22IsRead) {
+  expect_square(read_text(square_22, 1e-3));
+}
+
+TEST(MshFile, Format41IsRead) {
+  expect_square(read_text(square_41, 1e-3));
+}
+
+TEST(MshFile, WindowsLineEndsAreRead) {
+  std::string text;
+  for (char c : square_41) text += c == '\n' ? std::string("\r\n") : std::string(1, c);
+  expect_square(read_text(text, 1e-3));
+}
+
+// One tetrahedron with vertices 1..4 and Gmsh's order of mid-nodes: 01 12 02 03 23 13.
+const std::string tet10 = R"($MeshFormat
+2.2 0 8
+$EndMeshFormat
+$Nodes
+10
+1 0 0 0
+2 2 0 0
+3 0 2 0
+4 0 0 2
+5 1 0 0
+6 1 1 0
+7 0 1 0
+8 0 0 1
+9 0 1 1
+10 1 0 1
+$EndNodes
+$Elements
+3
+1 11 2 1 1 1 2 3 4 5 6 7 8 9 10
+2 9 2 3 1 1 2 3 5 6 7
+3 8 2 4 1 2 4 10
+$EndElements
+)";
+
+void expect_tet10(const Mesh& mesh) {
+  EXPECT_EQ(mesh.shape, ElementShape::tet10);
+  EXPECT_NEAR(total_measure(mesh), 8.0 / 6.0, 1e-15);
+  const int edges[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
+  const int* nodes = mesh.element(0);
+  for (int k = 0; k < 6; ++k) {
+    EXPECT_EQ((mesh.node(nodes[4 + k]) - 0.5 * (mesh.node(nodes[edges[k][0]]) + mesh.node(nodes[edges[k][1]]))).norm(),
+              0.0)
+        << "mid-node " << k;
+  }
+  const Tag& face = mesh.tags.at("physical_3");
+  EXPECT_EQ(face.nodes_per_entity, 6);
+  EXPECT_EQ(mesh.tags.at("physical_4").nodes_per_entity, 3);
+  const Eigen::Vector3d a = mesh.node(face.entities[1]) - mesh.node(face.entities[0]);
+  const Eigen::Vector3d b = mesh.node(face.entities[2]) - mesh.node(face.entities[0]);
+  EXPECT_LT(a[0] * b[1] - a[1] * b[0], 0.0);  // the face z = 0 looks down, outward
+}
+
+TEST(MshFile, QuadraticTetrahedraGetOurMidNodeOrder) {
+  expect_tet10(read_text(tet10));
+}
+
+TEST(MshFile, InvertedQuadraticTetrahedraAreTurnedRoundWithTheirMidNodes) {
+  expect_tet10(read_text(replaced(tet10, "1 2 3 4 5 6 7 8 9 10", "1 3 2 4 7 6 5 8 10 9")));
+}
+
+TEST(MshFile, InvertedQuadraticTrianglesAreTurnedRoundWithTheirMidNodes) {
+  const Mesh mesh = read_text(R"($MeshFormat
+2.2 0 8
+$EndMeshFormat
+$Nodes
+6
+1 0 0 0
+2 0 2 0
+3 2 0 0
+4 0 1 0
+5 1 1 0
+6 1 0 0
+$EndNodes
+$Elements
+1
+1 9 2 1 1 1 2 3 4 5 6
+$EndElements
+)");
+  EXPECT_NEAR(total_measure(mesh), 2.0, 1e-15);
+  const int* n = mesh.element(0);
+  for (int k = 0; k < 3; ++k) {
+    EXPECT_EQ((mesh.node(n[3 + k]) - 0.5 * (mesh.node(n[k]) + mesh.node(n[(k + 1) % 3]))).norm(), 0.0);
+  }
+}
+
+#if TAUT_TEST_WRITES_MSH
+TEST(MshFile, WhatGmshWritesIsReadInBothFormatsAndOrders) {
+  const TemporaryFile file("");
+  for (double version : {2.2, 4.1}) {
+    for (int order : {1, 2}) {
+      gmsh::initialize(0, nullptr, false);
+      gmsh::option::setNumber("General.Terminal", 0);
+      gmsh::model::add("beam");
+      const int left = gmsh::model::occ::addBox(0, 0, 0, 30, 10, 10);
+      const int right = gmsh::model::occ::addBox(30, 0, 0, 20, 10, 10);
+      gmsh::vectorpair pieces;
+      std::vector<gmsh::vectorpair> origins;
+      gmsh::model::occ::fragment({{3, left}}, {{3, right}}, pieces, origins);
+      gmsh::model::occ::synchronize();
+      gmsh::model::setPhysicalName(3, gmsh::model::addPhysicalGroup(3, {pieces[0].second}), "soft part");
+      gmsh::model::setPhysicalName(3, gmsh::model::addPhysicalGroup(3, {pieces[1].second}), "hard part");
+      gmsh::vectorpair sides;
+      gmsh::model::getEntitiesInBoundingBox(-1, -1, -1, 1, 11, 11, sides, 2);
+      ASSERT_EQ(sides.size(), 1u);
+      gmsh::model::setPhysicalName(2, gmsh::model::addPhysicalGroup(2, {sides[0].second}), "clamp");
+      gmsh::option::setNumber("Mesh.MeshSizeMax", 5);
+      gmsh::option::setNumber("Mesh.ElementOrder", order);
+      gmsh::option::setNumber("Mesh.MshFileVersion", version);
+      gmsh::model::mesh::generate(3);
+      gmsh::write(file.path());
+      const std::string binary = file.path() + ".binary.msh";
+      gmsh::option::setNumber("Mesh.Binary", 1);
+      gmsh::write(binary);
+      gmsh::finalize();
+      expect_input_error([&] { read_msh(binary); }, {".msh:2:", "binary", "msh41"});
+      std::filesystem::remove(binary);
+
+      const Mesh mesh = read_msh(file.path(), 1e-3);
+      EXPECT_EQ(mesh.shape, order == 1 ? ElementShape::tet4 : ElementShape::tet10);
+      EXPECT_NEAR(total_measure(mesh, "soft part"), 3e-6, 1e-17);
+      EXPECT_NEAR(total_measure(mesh, "hard part"), 2e-6, 1e-17);
+      expect_conforming(mesh, 2e-4 + 4 * 5e-4);
+      EXPECT_NEAR(size_of(mesh, mesh.select("clamp")), 1e-4, 1e-16);
+      EXPECT_LT(facet_normal(mesh, mesh.select("clamp").entities.data())[0], 0.0);
+      if (order == 2) expect_mid_nodes_halfway(mesh, 1e-15);
+    }
+  }
+}
+#endif
+
+TEST(MshFile, WrongFilesAreRefusedWithPathAndLine) {
+  const auto read = [](const std::string& text) { return [text] { read_text(text); }; };
+  expect_input_error([] { read_msh("/nowhere/finger.msh"); }, {"/nowhere/finger.msh", "cannot be opened"});
+  expect_input_error([] { read_text(square_22, 0.0); }, {"unit 0", "positive"});
+  expect_input_error(read(""), {".msh:0", "no $MeshFormat"});
+  expect_input_error(read("solid ascii\n"), {".msh:1:", "expected a section", "solid ascii"});
+  expect_input_error(read("$Nodes\n0\n$EndNodes\n"), {".msh:1:", "before $MeshFormat"});
+  expect_input_error(read(replaced(square_22, "2.2 0 8", "2.2 1 8")),
+                     {".msh:2:", "binary", "gmsh -save -format msh41"});
+  expect_input_error(read(replaced(square_22, "2.2 0 8", "4 0 8")), {".msh:2:", "format 4 ", "4.1 and 2.2"});
+  expect_input_error(read(replaced(square_22, "30 10 10 3", "30 10 1O 3")), {".msh:14:", "coordinate", "'1O'"});
+  expect_input_error(read(replaced(square_22, "30 10 10 3", "30 10 nan 3")), {".msh:14:", "'nan'", "finite"});
+  expect_input_error(read(replaced(square_22, "30 10 10 3", "30 10 10")),
+                     {".msh:14:", "three coordinates", "30 10 10"});
+  expect_input_error(read(replaced(square_22, "30 10 10 3", "2 10 10 3")), {".msh:14:", "node 2 occurs twice"});
+  expect_input_error(read(replaced(square_22, "$Nodes\n5", "$Nodes\n4")), {".msh:16:", "$EndNodes", "9 50 50 99"});
+  expect_input_error(read(replaced(square_22, "$Nodes\n5", "$Nodes\n-5")), {".msh:11:", "-5", "zero or more"});
+  expect_input_error(read(replaced(square_22, "1 1 2 30\n", "1 1 2 31\n")), {".msh:23:", "element 4", "node 31"});
+  expect_input_error(read(replaced(square_22, "1 1 2 30\n", "1 1 2\n")),
+                     {".msh:23:", "element 4 has 2 nodes", "has 3"});
+  expect_input_error(read(replaced(square_22, "4 2 2 7 1 1 2 30", "4 3 2 7 1 1 2 30 4")),
+                     {".msh:23:", "element type 3 (quadrangle)", "triangles or tetrahedra"});
+  expect_input_error(read(replaced(square_22, "4 2 2 7 1 1 2 30", "4 9 2 7 1 1 2 30 4 1 2")),
+                     {"mixed element orders", "element 4"});
+  expect_input_error(read(replaced(square_22, "4 2 2 7 1", "4 2 2 0 1")),
+                     {".msh:23:", "element 4 is in no physical group", "Physical Surface"});
+  expect_input_error(read(replaced(square_22, "5 2 2 8 2 1 4 30", "5 2 2 8 2 1 30 2")),
+                     {".msh:24:", "element 5", "line 23", "one region only"});
+  expect_input_error(read(replaced(square_22, "1 15 2 11 1 2", "1 15 2 11 1 9")),
+                     {".msh:20:", "node 9", "physical_11", "no triangle"});
+  expect_input_error(read(replaced(square_22, "2 1 2 5 4 1 4", "2 1 2 5 4 2 4")),
+                     {"tag 'left edge'", "no side of any element"});
+  expect_input_error(read(replaced(square_22, "6 1 2 6 1", "6 1 2 11 1")),
+                     {".msh:25:", "dimensions 0 and 1", "'physical_11'", "rename"});
+  expect_input_error(read(replaced(square_22, "2 10 0 3\n", "2 10 0 4\n")),
+                     {"z varies by 1000 mm", "surface in space"});
+  expect_input_error(read(replaced(square_22, "30 10 10 3", "30 5 0 3")), {"element 0", "degenerate"});
+  expect_input_error(read(replaced(square_22, "1 5 \"left edge\"", "1 5 left edge")), {".msh:6:", "double quotes"});
+  expect_input_error(read(square_22.substr(0, square_22.find("$Elements"))), {"no $Elements section"});
+  expect_input_error(read(square_22.substr(0, square_22.find("5 2 2 8"))), {".msh:23:", "file ends"});
+  expect_input_error(read(replaced(square_22, "$EndElements\n", "$EndElements\n$Nodes\n")), {"second $Nodes"});
+  expect_input_error(read(replaced(square_41, "$Entities", "$PartitionedEntities")), {".msh:10:", "partitioned"});
+  expect_input_error(read(replaced(square_41, "3 1 7 3 1 2 3", "3 0 3 1 2 3")), {"element 4 is in no physical group"});
+  expect_input_error(read(replaced(square_41, "3 1 7 3 1 2 3", "3 2 7 8 3 1 2 3")),
+                     {"element 4", "'skin' and 'core'", "one region only"});
+  expect_input_error(read(replaced(square_41, "3 1 7 3 1 2 3", "3 1")), {".msh:16:", "physical group", "missing"});
+  expect_input_error(read(replaced(square_41, "$EndNodeData\n", "")), {"$EndNodeData"});
+}
+
+}  // namespace
+}  // namespace taut
