@@ -4,7 +4,7 @@
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
-#include <map>
+#include <limits>
 
 #include "sim/core/error.hpp"
 #include "sim/materials/all.hpp"
@@ -68,9 +68,9 @@ void clamp_to_semidefinite(Eigen::Matrix<double, n, n>& A) {
   A = eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0.0).asDiagonal() * eigen.eigenvectors().transpose();
 }
 
-/// Tangent of a stress whose volumetric part is `pressure` F^-T at constant pressure: A - pressure Finv_Jk Finv_Li.
+/// Adds the derivative of `pressure` F^-T at constant pressure: -pressure Finv_Jk Finv_Li.
 template <int D>
-Tangent<double, D> with_pressure(Tangent<double, D> A, const Tensor<double, D>& inverse, double pressure) {
+void add_pressure_tangent(const Tensor<double, D>& inverse, double pressure, Tangent<double, D>& A) {
   for (int L = 0; L < D; ++L) {
     for (int k = 0; k < D; ++k) {
       for (int J = 0; J < D; ++J) {
@@ -78,7 +78,6 @@ Tangent<double, D> with_pressure(Tangent<double, D> A, const Tensor<double, D>& 
       }
     }
   }
-  return A;
 }
 
 /// A positive semi-definite stand-in for the tangent. The volumetric energy lambda/2 (ln J)^2 keeps its Gauss-Newton part
@@ -113,13 +112,11 @@ class Solid final : public Term {
     for (int e = 0; e < mesh.element_count(); ++e) {
       if (mesh.region[static_cast<size_t>(e)] == definition.region) elements_.emplace_back(mesh, e);
     }
-    if (definition.formulation != Formulation::standard) build_patches();
   }
 
   Cliques cliques() const override {
     Cliques list;
     for (const Geometry& element : elements_) list.add(element.nodes);
-    for (const Patch& patch : patches_) list.add(patch.nodes);
     return list;
   }
 
@@ -130,60 +127,13 @@ class Solid final : public Term {
 
   void assemble(const Point& at, Assembly& out) const override {
     const double t = thickness(at.p);
-    Law<Material> law{Material(theta(at.p))};
-    const bool averaged = !patches_.empty();
-    std::vector<double> pressure;
-    if constexpr (Material::splits_volume) {
-      if (averaged) {
-        const double modulus = law.solid.volumetric_modulus();
-        pressure = averaged_dilatation(at.u);
-        for (size_t a = 0; a < patches_.size(); ++a) {
-          const double mean = pressure[a];
-          if (!std::isfinite(mean)) return out.add_energy(std::numeric_limits<double>::infinity());
-          out.add_energy(t * 0.5 * modulus * patches_[a].measure * mean * mean);
-          pressure[a] = modulus * mean;
-        }
-        law.solid = law.solid.without_volume();
-      }
-    }
-
+    const Material material(theta(at.p));
     for (size_t e = 0; e < elements_.size(); ++e) {
-      const Geometry& element = elements_[e];
-      const Local u = element.gather(at.u);
-      Local force = Local::Zero();
-      Stiffness K;
-      if (out.wants_hessian()) K.setZero();
-      double energy = 0;
-      for (int q = 0; q < Q; ++q) {
-        const auto& G = element.gradient[static_cast<size_t>(q)];
-        const double w = t * element.weight[static_cast<size_t>(q)];
-        const Tensor<double, D> H = u * G.transpose();
-        const double density = law.energy(H);
-        if (!std::isfinite(density)) return out.add_energy(std::numeric_limits<double>::infinity());
-        energy += w * density;
-        if (out.gradient == nullptr && !out.wants_hessian()) continue;
-        const double p_q = averaged ? pressure_at(pressure, e, q) : 0.0;
-        const Tensor<double, D> inverse = averaged ? inverse_of<double, D>(H) : Tensor<double, D>();
-        if (out.gradient != nullptr) {
-          Tensor<double, D> P = law.stress(H);
-          if (averaged) P += p_q * inverse.transpose();
-          force.noalias() += (w * P) * G;
-        }
-        if (out.wants_hessian()) {
-          const Tangent<double, D> A = out.curvature == Curvature::projected ? projected_tangent<D>(law, H)
-                                       : averaged                            ? with_pressure<D>(law.tangent(H), inverse, p_q)
-                                                                             : law.tangent(H);
-          add_stiffness(G, w, A, K);
-        }
-      }
+      const double energy = averages() ? add_element<true>(static_cast<int>(e), at.u, t, material, out)
+                                       : add_element<false>(static_cast<int>(e), at.u, t, material, out);
+      if (!std::isfinite(energy)) return out.add_energy(infinity);
       out.add_energy(energy);
-      if (out.gradient != nullptr) out.add_gradient(element.nodes.data(), N, D, force.data());
-      if (out.wants_hessian()) {
-        mirror(K);
-        out.add_hessian(static_cast<int>(e), element.nodes.data(), N, D, K.data());
-      }
     }
-    if (averaged && out.wants_hessian()) add_patch_stiffness(at, t, out);
   }
 
   void add_parameter_gradient(const Point& at, int index, Eigen::VectorXd& out) const override {
@@ -199,40 +149,32 @@ class Solid final : public Term {
     const double t = thickness(at.p);
     Law<Material> law{Material(theta(at.p))};
     Material derivative = Material::derivative(theta(at.p), static_cast<int>(position - definition_.parameters.begin()));
-    std::vector<double> pressure;
-    const bool averaged = !patches_.empty();
+    double volumetric = 0;
     if constexpr (Material::splits_volume) {
-      if (averaged) {
-        pressure = averaged_dilatation(at.u);
-        for (double& mean : pressure) mean *= derivative.volumetric_modulus();
+      if (averages()) {
+        volumetric = derivative.volumetric_modulus();
         law.solid = law.solid.without_volume();
         derivative = derivative.without_volume();
       }
     }
-    for (size_t e = 0; e < elements_.size(); ++e) {
-      const Geometry& element = elements_[e];
+    for (const Geometry& element : elements_) {
       const Local u = element.gather(at.u);
+      const double pressure = averages() ? volumetric * mean_dilatation(element, u) : 0.0;
       Local force = Local::Zero();
-      for (int q = 0; q < Q; ++q) {
-        const auto& G = element.gradient[static_cast<size_t>(q)];
-        const Tensor<double, D> H = u * G.transpose();
+      for (size_t q = 0; q < Q; ++q) {
+        const Tensor<double, D> H = u * element.gradient[q].transpose();
         Tensor<double, D> P = law.stress_derivative(H, derivative);
-        if (averaged) P += pressure_at(pressure, e, q) * inverse_of<double, D>(H).transpose();
-        force.noalias() += (t * element.weight[static_cast<size_t>(q)] * P) * G;
+        if (averages()) P += pressure * inverse_of<double, D>(H).transpose();
+        force.noalias() += (t * element.weight[q] * P) * element.gradient[q];
       }
-      for (int a = 0; a < N; ++a) out.segment<D>(static_cast<Eigen::Index>(element.nodes[static_cast<size_t>(a)]) * D) += force.col(a);
+      for (size_t a = 0; a < N; ++a) out.segment<D>(static_cast<Eigen::Index>(element.nodes[a]) * D) += force.col(static_cast<Eigen::Index>(a));
     }
   }
 
  private:
-  /// A set of elements over which ln J is averaged; weights are in `shares_`.
-  struct Patch {
-    double measure = 0;           ///< sum of its weights [m^D]
-    std::vector<int> nodes;       ///< all nodes of its elements, sorted
-    std::vector<int> elements;    ///< indices into elements_
-  };
-  static constexpr int patches_per_element_max = D + 1;
+  static constexpr double infinity = std::numeric_limits<double>::infinity();
 
+  bool averages() const { return definition_.formulation == Formulation::locking_free; }
   double thickness(const Params& p) const { return definition_.thickness < 0 ? 1.0 : p[definition_.thickness]; }
 
   std::array<double, parameter_count> theta(const Params& p) const {
@@ -241,7 +183,76 @@ class Solid final : public Term {
     return values;
   }
 
-  /// K += w B^T A B for the lower triangle, row and column a * D + i.
+  /// Mean of ln J over the element's rest volume; NaN where a J <= 0.
+  static double mean_dilatation(const Geometry& element, const Local& u) {
+    double sum = 0, measure = 0;
+    for (size_t q = 0; q < Q; ++q) {
+      const double j = jacobian_minus_one<double, D>(u * element.gradient[q].transpose());
+      sum += element.weight[q] * (j > -1.0 ? std::log1p(j) : std::nan(""));
+      measure += element.weight[q];
+    }
+    return sum / measure;
+  }
+
+  /// Adds one element's gradient and Hessian and returns its energy.
+  template <bool averaged>
+  double add_element(int e, const Eigen::VectorXd& all, double t, const Material& material, Assembly& out) const {
+    const Geometry& element = elements_[static_cast<size_t>(e)];
+    const Local u = element.gather(all);
+    const bool wants_gradient = out.gradient != nullptr, wants_hessian = out.wants_hessian();
+    Law<Material> law{material};
+    double energy = 0, modulus = 0, pressure = 0, measure = 0;
+    if constexpr (averaged) {
+      for (double w : element.weight) measure += t * w;
+      modulus = material.volumetric_modulus();
+      const double mean = mean_dilatation(element, u);
+      energy = 0.5 * modulus * measure * mean * mean;
+      pressure = modulus * mean;
+      law.solid = material.without_volume();
+    }
+
+    Local force = Local::Zero(), dilatation = Local::Zero();  // dilatation = d(V mean ln J)/du
+    Stiffness K;
+    if (wants_hessian) K.setZero();
+    for (size_t q = 0; q < Q; ++q) {
+      const auto& G = element.gradient[q];
+      const double w = t * element.weight[q];
+      const Tensor<double, D> H = u * G.transpose();
+      const double density = law.energy(H);
+      if (!std::isfinite(density)) return infinity;
+      energy += w * density;
+      if (!wants_gradient && !wants_hessian) continue;
+      Tensor<double, D> inverse;
+      if constexpr (averaged) {
+        inverse = inverse_of<double, D>(H);
+        dilatation.noalias() += w * inverse.transpose() * G;
+      }
+      if (wants_gradient) force.noalias() += (w * law.stress(H)) * G;
+      if (!wants_hessian) continue;
+      if (out.curvature == Curvature::projected) {
+        add_stiffness(G, w, projected_tangent<D>(law, H), K);
+      } else {
+        Tangent<double, D> A = law.tangent(H);
+        if constexpr (averaged) add_pressure_tangent<D>(inverse, pressure, A);
+        add_stiffness(G, w, A, K);
+      }
+    }
+    if (wants_gradient) {
+      if constexpr (averaged) force += pressure * dilatation;
+      out.add_gradient(element.nodes.data(), N, D, force.data());
+    }
+    if (wants_hessian) {
+      if constexpr (averaged) {
+        const Eigen::Map<const Eigen::Matrix<double, DN, 1>> b(dilatation.data());
+        K.template triangularView<Eigen::Lower>() += (modulus / measure) * b * b.transpose();
+      }
+      mirror(K);
+      out.add_hessian(e, element.nodes.data(), N, D, K.data());
+    }
+    return energy;
+  }
+
+  /// Lower triangle of K += w B^T A B, row and column index a * D + i.
   static void add_stiffness(const Eigen::Matrix<double, D, N>& G, double w, const Tangent<double, D>& A, Stiffness& K) {
     for (int b = 0; b < N; ++b) {
       // AG(i + D J, k) = w sum_L A(iJ, kL) G(L, b)
@@ -261,99 +272,8 @@ class Solid final : public Term {
     }
   }
 
-  void build_patches() {
-    const bool around_vertices = definition_.formulation == Formulation::locking_free;
-    std::map<int, int> patch_of_vertex;
-    patches_of_element_.resize(elements_.size());
-    for (size_t e = 0; e < elements_.size(); ++e) {
-      for (int c = 0; c < (around_vertices ? D + 1 : 1); ++c) {
-        int patch = static_cast<int>(patches_.size());
-        if (around_vertices) patch = patch_of_vertex.try_emplace(elements_[e].nodes[static_cast<size_t>(c)], patch).first->second;
-        if (patch == static_cast<int>(patches_.size())) patches_.emplace_back();
-        patches_of_element_[e].push_back(patch);
-        Patch& target = patches_[static_cast<size_t>(patch)];
-        target.elements.push_back(static_cast<int>(e));
-        target.nodes.insert(target.nodes.end(), elements_[e].nodes.begin(), elements_[e].nodes.end());
-        for (int q = 0; q < Q; ++q) target.measure += share(e, c, q);
-      }
-    }
-    for (Patch& patch : patches_) {
-      std::sort(patch.nodes.begin(), patch.nodes.end());
-      patch.nodes.erase(std::unique(patch.nodes.begin(), patch.nodes.end()), patch.nodes.end());
-    }
-  }
-
-  /// Weight of quadrature point q of element e in the element's c-th patch: w_q times hat function (or times 1).
-  double share(size_t e, int c, int q) const {
-    return elements_[e].weight[static_cast<size_t>(q)] * hat(c, q);
-  }
-  double hat(int c, int q) const {
-    static const auto rule = Geometry::Reference::quadrature();
-    if (definition_.formulation == Formulation::mean_dilatation) return 1.0;
-    return Geometry::Reference::barycentric(rule[static_cast<size_t>(q)].xi)[static_cast<size_t>(c)];
-  }
-
-  /// Mean of ln J over each patch; NaN where a J <= 0.
-  std::vector<double> averaged_dilatation(const Eigen::VectorXd& u) const {
-    std::vector<double> mean(patches_.size(), 0.0);
-    for (size_t e = 0; e < elements_.size(); ++e) {
-      const Local local = elements_[e].gather(u);
-      for (int q = 0; q < Q; ++q) {
-        const Tensor<double, D> H = local * elements_[e].gradient[static_cast<size_t>(q)].transpose();
-        const double j = jacobian_minus_one<double, D>(H);
-        const double ln_j = j > -1.0 ? std::log1p(j) : std::nan("");
-        for (size_t c = 0; c < patches_of_element_[e].size(); ++c) {
-          mean[static_cast<size_t>(patches_of_element_[e][c])] += share(e, static_cast<int>(c), q) * ln_j;
-        }
-      }
-    }
-    for (size_t a = 0; a < mean.size(); ++a) mean[a] /= patches_[a].measure;
-    return mean;
-  }
-
-  double pressure_at(const std::vector<double>& pressure, size_t e, int q) const {
-    double p = 0;
-    for (size_t c = 0; c < patches_of_element_[e].size(); ++c) {
-      p += hat(static_cast<int>(c), q) * pressure[static_cast<size_t>(patches_of_element_[e][c])];
-    }
-    return p;
-  }
-
-  /// The part of the Hessian that couples a patch: modulus / V b b^T with b = d(V mean ln J)/du.
-  void add_patch_stiffness(const Point& at, double t, Assembly& out) const {
-    if constexpr (Material::splits_volume) {
-      const double modulus = t * Material(theta(at.p)).volumetric_modulus();
-      Eigen::VectorXd b;
-      Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> K;
-      for (size_t a = 0; a < patches_.size(); ++a) {
-        const Patch& patch = patches_[a];
-        b.setZero(static_cast<Eigen::Index>(patch.nodes.size()) * D);
-        for (int e : patch.elements) {
-          const Geometry& element = elements_[static_cast<size_t>(e)];
-          const auto& list = patches_of_element_[static_cast<size_t>(e)];
-          const int c = static_cast<int>(std::find(list.begin(), list.end(), static_cast<int>(a)) - list.begin());
-          const Local local = element.gather(at.u);
-          Local gradient = Local::Zero();
-          for (int q = 0; q < Q; ++q) {
-            const auto& G = element.gradient[static_cast<size_t>(q)];
-            const Tensor<double, D> H = local * G.transpose();
-            gradient.noalias() += share(static_cast<size_t>(e), c, q) * inverse_of<double, D>(H).transpose() * G;
-          }
-          for (int n = 0; n < N; ++n) {
-            const auto position = std::lower_bound(patch.nodes.begin(), patch.nodes.end(), element.nodes[static_cast<size_t>(n)]);
-            b.segment<D>((position - patch.nodes.begin()) * D) += gradient.col(n);
-          }
-        }
-        K.noalias() = (modulus / patch.measure) * b * b.transpose();
-        out.add_hessian(static_cast<int>(elements_.size() + a), patch.nodes.data(), static_cast<int>(patch.nodes.size()), D, K.data());
-      }
-    }
-  }
-
   SolidDefinition definition_;
   std::vector<Geometry> elements_;
-  std::vector<Patch> patches_;
-  std::vector<std::vector<int>> patches_of_element_;
 };
 
 /// Calls `action` with a default-constructed material of the named law.
@@ -384,12 +304,12 @@ auto with_shape(ElementShape shape, Action&& action) {
 std::unique_ptr<Term> make_solid(const Mesh& mesh, const SolidDefinition& definition) {
   return with_law(definition.law, [&](auto material) -> std::unique_ptr<Term> {
     using Material = decltype(material);
-    if (definition.formulation != Formulation::standard && !Material::splits_volume) {
-      throw InputError(fmt::format("material law '{}' has no separate energy of volume change; use formulation = \"standard\"", definition.law));
-    }
     const bool plane_stress = mesh.dimension() == 2 && definition.plane == Plane::stress;
-    if (plane_stress && definition.formulation != Formulation::standard) {
-      throw InputError("plane stress does not lock, because the thickness is free to change; use formulation = \"standard\"");
+    if (definition.formulation == Formulation::locking_free) {
+      constexpr auto remedy = "use formulation = \"standard\"";
+      if (!Material::splits_volume) throw InputError(fmt::format("material law '{}' has no separate energy of volume change to average; {}", definition.law, remedy));
+      if (plane_stress) throw InputError(fmt::format("plane stress does not lock, because the thickness is free to change; {}", remedy));
+      if (order_of(mesh.shape) == 1) throw InputError(fmt::format("the locking-free formulation needs quadratic elements (a linear one has only one volume change to average); use element = \"quadratic\", or {}", remedy));
     }
     return with_shape(mesh.shape, [&](auto shape) -> std::unique_ptr<Term> {
       if constexpr (dimension_of(shape) == 2) {

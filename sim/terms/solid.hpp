@@ -13,13 +13,11 @@ namespace taut {
 enum class Plane { strain, stress };
 
 /// How the energy of volume change is sampled.
-/// standard:       at every quadrature point. Locks as nu goes to 1/2 (linear elements badly, quadratic tetrahedra too).
-/// locking_free:   ln J is averaged over the elements around each vertex with the vertex's linear hat function, so that
-///                 U = lambda/2 sum_a V_a (mean_a ln J)^2. It is the continuous-pressure (Taylor-Hood) mixed method with
-///                 a lumped pressure mass matrix and the pressure eliminated: inf-sup stable with quadratic elements
-///                 in 2D and 3D, and still the minimum of an energy.
-/// mean_dilatation: ln J is averaged over each element (piecewise constant pressure). Cheaper, one order less accurate.
-enum class Formulation { standard, locking_free, mean_dilatation };
+/// standard:     at every quadrature point. Locks as nu goes to 1/2: linear elements badly, quadratic tetrahedra too.
+/// locking_free: mean dilatation, U = lambda/2 V_e (mean_e ln J)^2 in each element e. This is the mixed method with
+///               quadratic displacements and one pressure per element, with the pressure eliminated: still the minimum of
+///               an energy, with the standard element's sparsity. For quadratic elements; a linear one has a single J anyway.
+enum class Formulation { standard, locking_free };
 
 /// What a region is made of: a law of sim/materials/all.hpp and where its parameters stand in the model's table.
 struct SolidDefinition {
@@ -32,8 +30,8 @@ struct SolidDefinition {
 };
 
 /// Elastic energy of one region [J]: sum over quadrature points of weight * thickness * Psi(F). Energy +inf when J <= 0
-/// at a quadrature point. Throws InputError for an unknown law, a law without a volumetric split in another formulation
-/// than standard, and for plane stress (which does not lock) in another formulation than standard.
+/// at a quadrature point. Throws InputError for an unknown law, and for the locking-free formulation where it has no meaning:
+/// linear elements, plane stress (which does not lock) and laws without a separate energy of volume change.
 std::unique_ptr<Term> make_solid(const Mesh& mesh, const SolidDefinition& definition);
 
 /// Ids of all laws, for help texts and messages.
