@@ -242,6 +242,9 @@ Mesh mesh_polygons(const std::vector<PolygonRegion>& polygons, double size, int 
       surfaces.push_back(geo::addPlaneSurface({geo::addCurveLoop(signed_lines)}));
     }
     geo::synchronize();
+    gmsh::option::setNumber("Mesh.MeshSizeMax", size / outline.diagonal);
+    // A finely sampled outline must not carry its short edges' size into the whole region.
+    gmsh::option::setNumber("Mesh.MeshSizeExtendFromBoundary", 0);
     gmsh::model::mesh::generate(2);
 
     Mesh mesh;

@@ -24,7 +24,8 @@ struct BoxRegion {
   std::array<double, 3> upper;
 };
 
-/// Meshes polygons with triangles of about `size` [m]. Throws InputError for self-crossing or degenerate polygons and
+/// Meshes polygons with triangles of about `size` [m]; polygon edges shorter than that keep their length, so an outline
+/// sampled much finer than `size` gets flat triangles along it. Throws InputError for self-crossing or degenerate polygons and
 /// when this build has no Gmsh.
 Mesh mesh_polygons(const std::vector<PolygonRegion>& polygons, double size, int order);
 

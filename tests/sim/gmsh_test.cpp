@@ -85,6 +85,19 @@ TEST(GmshPolygons, AVertexOnAnotherPolygonsEdgeSplitsThatEdge) {
   EXPECT_NEAR(total_measure(mesh), 0.002 + 0.0004 + 0.0009, 1e-15);
 }
 
+TEST(GmshPolygons, AFinelySampledOutlineKeepsTheInteriorAtTheRequestedSize) {
+  PolygonRegion disc{"disc", {}, {}};
+  constexpr int n = 400;
+  for (int i = 0; i < n; ++i) {
+    const double angle = 2.0 * 3.14159265358979323846 * i / n;
+    disc.vertices.push_back({std::cos(angle), std::sin(angle)});
+  }
+  const Mesh mesh = mesh_polygons({disc}, 0.1, 1);
+  EXPECT_NEAR(total_measure(mesh), 0.5 * n * std::sin(2.0 * 3.14159265358979323846 / n), 1e-13);
+  EXPECT_GT(mesh.element_count(), 700);   // about area / (0.43 size^2)
+  EXPECT_LT(mesh.element_count(), 2500);  // some more along the outline; 30000 at the outline's own size
+}
+
 TEST(GmshPolygons, TheSameInputGivesTheSameMesh) {
   const auto make = [] { return mesh_polygons({square("a", 0, 0, 1, 1), square("b", 1, 0, 2, 0.5)}, 0.1, 2); };
   const Mesh first = make();

@@ -1,0 +1,132 @@
+#pragma once
+#include <array>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "calib/fit.hpp"
+#include "calib/protocol.hpp"
+#include "calib/trials.hpp"
+#include "sim/mesh/gmsh.hpp"
+#include "sim/terms/solid.hpp"
+
+namespace taut {
+
+/// How finely and with which elements the geometry is meshed; [mesh], and what a [[fit.variant]] changes.
+struct MeshSettings {
+  std::vector<int> cells;  ///< structured: cells along x, y(, z)
+  double size = 0;         ///< Gmsh: element size [m]
+  int order = 2;
+  Formulation formulation = Formulation::standard;
+  std::string describe() const;  ///< "quadratic, locking-free, 14 x 5 x 5 cells"
+};
+
+struct GeometrySettings {
+  std::string kind;  ///< box, rectangle, boxes, polygons, msh
+  std::vector<double> size, origin;  ///< box and rectangle [m]
+  std::string region;
+  std::vector<PolygonRegion> polygons;
+  std::vector<BoxRegion> boxes;
+  std::string file;        ///< msh
+  double unit = 1;         ///< msh: metres per unit of the file
+  double thickness = 1;    ///< 2D [m]
+  Plane plane = Plane::strain;
+  int dimension = 3;
+};
+
+struct MaterialSettings {
+  std::string region, law;
+  std::map<std::string, double> constants;  ///< SI
+  std::optional<double> density;
+};
+
+struct SupportSettings {
+  std::string on;
+  std::vector<int> fix;       ///< components
+  std::string control;        ///< a prescribed displacement: id of the control
+  int component = 0;          ///< of the prescribed displacement
+  std::string column;         ///< bench column of the control
+};
+
+struct LoadSettings {
+  std::string id;
+  std::string on;                   ///< tag, or
+  std::vector<double> point;        ///< rest position [m]
+  std::vector<double> direction;
+  std::string column;               ///< bench column that holds its value, or
+  double value = 0;                 ///< a constant one, SI
+  Quantity quantity = Quantity::force;  ///< force, mass, pressure (traction) or line_load
+};
+
+struct ChannelSettings {
+  std::string id;
+  std::string on;               ///< mean over a tag, or
+  std::vector<double> point;    ///< a material point [m]
+  std::vector<double> standoff; ///< marker off the surface [m], empty: none
+  std::string turns_with;       ///< tag that the stand-off turns with
+  std::vector<double> direction;
+};
+
+struct FreeSettings {
+  std::string id;
+  std::optional<double> start, lower, upper;
+};
+
+struct VariantSettings {
+  std::string name;
+  MeshSettings mesh;
+};
+
+struct ReferenceValue {
+  std::string parameter;
+  double value = 0;
+  std::string source;
+};
+
+/// One experiment as its TOML file describes it, checked key by key; SI units inside.
+struct Experiment {
+  std::string path;    ///< of the TOML file
+  std::string title;
+  bool simulated = false;  ///< data = "simulated": said wherever the data are shown
+  GeometrySettings geometry;
+  MeshSettings mesh;
+  std::vector<MaterialSettings> materials;
+  std::vector<SupportSettings> supports;
+  std::vector<LoadSettings> loads;
+  std::vector<ChannelSettings> channels;
+  double gravity = 9.81;
+  std::vector<double> gravity_direction;  ///< empty: no self-weight
+  BenchFormat bench;
+  bool from_unloaded = false;
+  std::vector<FreeSettings> free;
+  std::vector<VariantSettings> variants;
+  std::vector<ReferenceValue> references;
+  EquilibriumOptions equilibrium;
+  int threads = 0;
+};
+
+/// Reads and checks an experiment file. Paths in it are relative to it. Throws InputError with file, line, what is wrong, what
+/// is allowed and the nearest known name.
+Experiment read_experiment(const std::string& path);
+
+/// The mesh of an experiment with the given settings.
+Mesh make_mesh(const GeometrySettings& geometry, const MeshSettings& mesh);
+
+/// Rows of a bench turned into a protocol: the model, its controls set from the readings' columns, one row per distinct
+/// (controls, channel). `row_of_reading` tells which row each reading belongs to.
+struct StaticBench {
+  std::unique_ptr<StaticProtocol> protocol;
+  std::vector<int> row_of_reading;
+};
+StaticBench make_static_bench(const Experiment& experiment, const MeshSettings& mesh, const Trials& trials);
+
+/// The free parameters of an experiment with starts and bounds filled in from the model; InputError for unknown ids, a start
+/// outside its bounds, bounds outside the physical range, or a parameter the readings' model does not have.
+std::vector<FreeParameter> free_parameters(const Experiment& experiment, const Protocol& protocol);
+
+/// Readings as measurements of the bench's rows.
+std::vector<Measurement> measurements_of(const Trials& trials, const StaticBench& bench);
+
+}  // namespace taut

@@ -1,0 +1,30 @@
+#pragma once
+#include <string>
+#include <vector>
+
+#include "reports/run_record.hpp"
+
+namespace taut {
+
+/// A figure as gnuplot made it: folder/figures/<name>.svg, .pdf, .png and the numbers beside them as <name>.csv.
+struct Figure {
+  std::string name;
+  std::string title;
+  std::string caption;  ///< what a person should see in it, in one or two sentences
+  std::string svg;      ///< the SVG text, for inlining
+};
+
+/// Draws all figures of a run into `folder`/figures. Needs gnuplot, no display. A missing or failing gnuplot throws
+/// InputError with the remedy. Simulated data say so in every title.
+std::vector<Figure> draw_figures(const RunRecord& record, const std::string& folder);
+
+/// report.html: one self-contained file, figures inline, nothing loaded from anywhere.
+std::string report_html(const RunRecord& record, const std::vector<Figure>& figures);
+
+/// predictions.csv: one line per reading, SI units in the header.
+std::string predictions_csv(const RunRecord& record);
+
+/// Everything a run folder holds, from the record alone: fit.json, predictions.csv, figures/, report.html.
+void write_run(const RunRecord& record, const std::string& folder);
+
+}  // namespace taut
