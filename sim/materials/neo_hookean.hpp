@@ -71,7 +71,9 @@ struct NeoHookean {
       const T three = G(0, 0) * (G(1, 1) * G(2, 2) - G(1, 2) * G(1, 2)) - G(0, 1) * (G(0, 1) * G(2, 2) - G(1, 2) * G(0, 2)) +
                       G(0, 2) * (G(0, 1) * G(1, 2) - G(1, 1) * G(0, 2));
       const T q = 2.0 * (G(0, 0) + G(1, 1) + G(2, 2)) + 4.0 * two + 8.0 * three;
-      return mu * (0.5 * minus_log1p(q) - 2.0 * two - 4.0 * three) + 0.5 * lambda * ln_j * ln_j;
+      // ln det C = 2 ln J; once q is large that is the better of the two, down to J = 0.
+      const T first = q > -0.5 ? T(0.5 * minus_log1p(q)) : T(0.5 * q - ln_j);
+      return mu * (first - 2.0 * two - 4.0 * three) + 0.5 * lambda * ln_j * ln_j;
     }
   }
 

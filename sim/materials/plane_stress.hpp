@@ -12,18 +12,19 @@ template <class Material>
 struct PlaneStress {
   Material solid;
 
-  /// Out-of-plane displacement gradient c - 1 for the in-plane H; NaN when det F <= 0 in the plane.
+  /// Out-of-plane displacement gradient c - 1 for the in-plane H; NaN when det F <= 0 in the plane. Newton's method on ln c,
+  /// in which the energy is convex and far stretches are near: dPsi/d ln c = c P_33.
   double thickness_strain(const Tensor<double, 2>& H) const {
     if (!(jacobian_minus_one(H) > -1.0)) return std::nan("");
     double strain = 0.0;
     for (int iteration = 0; iteration < 50; ++iteration) {
       const Tensor<double, 3> full = embed(H, strain);
-      const double residual = solid.stress(full)(2, 2), slope = solid.tangent(full)(8, 8);
+      const double c = 1.0 + strain, residual = c * solid.stress(full)(2, 2);
+      const double slope = c * c * solid.tangent(full)(8, 8) + residual;
       double step = -residual / slope;
-      if (!(slope > 0.0) || !std::isfinite(step)) step = strain > 0.0 ? -0.5 * strain : 0.1;
-      step = std::max(step, -0.7 * (1.0 + strain));  // the stretch stays positive
-      strain += step;
-      if (std::abs(step) <= 1e-15 * (1.0 + strain)) break;
+      if (!(slope > 0.0) || !(std::abs(step) <= 1.0)) step = residual > 0.0 ? -1.0 : 1.0;
+      strain += c * std::expm1(step);
+      if (std::abs(step) <= 1e-9 * (std::abs(strain) + H.norm())) break;  // what is left is its square
     }
     return strain;
   }

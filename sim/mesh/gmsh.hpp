@@ -25,8 +25,8 @@ struct BoxRegion {
 };
 
 /// Meshes polygons with triangles of about `size` [m]; polygon edges shorter than that keep their length, so an outline
-/// sampled much finer than `size` gets flat triangles along it. Throws InputError for self-crossing or degenerate polygons and
-/// when this build has no Gmsh.
+/// sampled much finer than `size` gets flat triangles along it. Throws InputError for self-crossing or degenerate
+/// polygons and when this build has no Gmsh.
 Mesh mesh_polygons(const std::vector<PolygonRegion>& polygons, double size, int order);
 
 /// Meshes boxes with tetrahedra of about `size` [m]. Tags xmin ... zmax are the faces of the whole domain's bounding

@@ -1,0 +1,466 @@
+#include "calib/fit.hpp"
+
+#include <ceres/ceres.h>
+#include <fmt/format.h>
+
+#include <Eigen/SVD>
+#include <algorithm>
+#include <boost/math/distributions/chi_squared.hpp>
+#include <boost/math/distributions/fisher_f.hpp>
+#include <cmath>
+#include <limits>
+#include <map>
+
+#include "calib/units.hpp"
+#include "sim/core/error.hpp"
+
+namespace taut {
+namespace {
+
+constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+constexpr double z95 = 1.959963984540054;      ///< 97.5 % quantile of the normal distribution
+constexpr double profile_rise = z95 * z95;     ///< rise of chi squared at the ends of a 95 % profile interval
+
+/// The scale on which a parameter is fitted: its logarithm for moduli and stiffnesses, itself otherwise.
+struct Scale {
+  bool logarithmic;
+  double inside(double si) const { return logarithmic ? std::log(si) : si; }
+  double outside(double q) const { return logarithmic ? std::exp(q) : q; }
+  double slope(double si) const { return logarithmic ? si : 1.0; }  ///< d outside / d inside
+};
+
+/// Noise-scaled residuals (predicted - measured) / sigma and their derivatives on the fitted scale, evaluated for Ceres. The
+/// newest evaluation is kept, because Ceres asks for residuals first and for derivatives at the same point later.
+class Evaluator {
+ public:
+  Evaluator(Protocol& protocol, const std::vector<Measurement>& measurements, const std::vector<FreeParameter>& free,
+            const FitOptions& options)
+      : protocol_(protocol), measurements_(measurements), free_(free), options_(options) {
+    for (const FreeParameter& parameter : free) {
+      indices_.push_back(parameter.index);
+      scales_.push_back({protocol.parameters()[parameter.index].logarithmic});
+    }
+  }
+
+  const Scale& scale(size_t j) const { return scales_[j]; }
+  size_t count() const { return free_.size(); }
+  bool stopped() const { return options_.stop != nullptr && options_.stop->load(); }
+
+  Params params(const double* q) const {
+    Params p = protocol_.nominal();
+    for (size_t j = 0; j < count(); ++j) {
+      const double si = scales_[j].outside(q[j]);
+      p[indices_[j]] = std::clamp(si, free_[j].lower, free_[j].upper);
+    }
+    return p;
+  }
+
+  /// False when a simulation failed.
+  bool evaluate(const double* q) {
+    const Eigen::Map<const Eigen::VectorXd> point(q, static_cast<Eigen::Index>(count()));
+    if (point_.size() > 0 && point_ == point) return ok_;
+    point_ = point;
+    ++evaluations;
+    prediction_ = protocol_.predict(params(q), indices_);
+    ok_ = prediction_.complete();
+    if (!ok_) {
+      ++failed;
+      for (const std::string& failure : prediction_.failures) {
+        if (failures.size() < 5) failures.push_back(failure);
+      }
+      return false;
+    }
+    for (size_t j = 0; j < count(); ++j) {
+      prediction_.derivatives.col(static_cast<Eigen::Index>(j)) *= scales_[j].slope(scales_[j].outside(q[j]));
+    }
+    if (options_.progress) {
+      FitProgress progress{evaluations, residuals().squaredNorm(), {}};
+      for (size_t j = 0; j < count(); ++j) progress.values.push_back(scales_[j].outside(q[j]));
+      options_.progress(progress);
+    }
+    return true;
+  }
+
+  const Prediction& prediction() const { return prediction_; }
+
+  Eigen::VectorXd residuals() const {
+    Eigen::VectorXd r(static_cast<Eigen::Index>(measurements_.size()));
+    for (size_t i = 0; i < measurements_.size(); ++i) {
+      const Measurement& m = measurements_[i];
+      r[static_cast<Eigen::Index>(i)] = (prediction_.values[m.row] - m.value) / m.sigma;
+    }
+    return r;
+  }
+
+  Eigen::MatrixXd jacobian() const {
+    Eigen::MatrixXd J(static_cast<Eigen::Index>(measurements_.size()), static_cast<Eigen::Index>(count()));
+    for (size_t i = 0; i < measurements_.size(); ++i) {
+      J.row(static_cast<Eigen::Index>(i)) = prediction_.derivatives.row(measurements_[i].row) / measurements_[i].sigma;
+    }
+    return J;
+  }
+
+  int evaluations = 0, failed = 0;
+  std::vector<std::string> failures;
+
+ private:
+  Protocol& protocol_;
+  const std::vector<Measurement>& measurements_;
+  const std::vector<FreeParameter>& free_;
+  const FitOptions& options_;
+  std::vector<int> indices_;
+  std::vector<Scale> scales_;
+  Eigen::VectorXd point_;
+  Prediction prediction_;
+  bool ok_ = false;
+};
+
+/// All residuals as one block, because one simulation yields them all.
+class ResidualBlock final : public ceres::CostFunction {
+ public:
+  ResidualBlock(Evaluator& evaluator, size_t measurements) : evaluator_(evaluator) {
+    set_num_residuals(static_cast<int>(measurements));
+    for (size_t j = 0; j < evaluator.count(); ++j) mutable_parameter_block_sizes()->push_back(1);
+  }
+  bool Evaluate(double const* const* blocks, double* residuals, double** jacobians) const override {
+    std::vector<double> q(evaluator_.count());
+    for (size_t j = 0; j < q.size(); ++j) q[j] = blocks[j][0];
+    if (!evaluator_.evaluate(q.data())) return false;
+    Eigen::Map<Eigen::VectorXd>(residuals, num_residuals()) = evaluator_.residuals();
+    if (jacobians == nullptr) return true;
+    const Eigen::MatrixXd J = evaluator_.jacobian();
+    for (size_t j = 0; j < q.size(); ++j) {
+      if (jacobians[j] != nullptr) Eigen::Map<Eigen::VectorXd>(jacobians[j], num_residuals()) = J.col(static_cast<Eigen::Index>(j));
+    }
+    return true;
+  }
+
+ private:
+  Evaluator& evaluator_;
+};
+
+class StopCallback final : public ceres::IterationCallback {
+ public:
+  explicit StopCallback(const Evaluator& evaluator) : evaluator_(evaluator) {}
+  ceres::CallbackReturnType operator()(const ceres::IterationSummary&) override {
+    return evaluator_.stopped() ? ceres::SOLVER_ABORT : ceres::SOLVER_CONTINUE;
+  }
+
+ private:
+  const Evaluator& evaluator_;
+};
+
+struct Minimum {
+  ceres::Solver::Summary summary;
+  std::vector<double> q;
+  double chi_squared = nan;
+};
+
+/// Levenberg-Marquardt from `q` with bounds; parameter `held` keeps its value.
+Minimum minimise(Evaluator& evaluator, const std::vector<FreeParameter>& free, size_t measurements, std::vector<double> q, int held,
+                 const FitOptions& options) {
+  ceres::Problem::Options problem_options;
+  problem_options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  ResidualBlock block(evaluator, measurements);
+  ceres::Problem problem(problem_options);
+  std::vector<double*> blocks;
+  for (double& value : q) blocks.push_back(&value);
+  problem.AddResidualBlock(&block, nullptr, blocks);
+  for (size_t j = 0; j < free.size(); ++j) {
+    const Scale& scale = evaluator.scale(j);
+    if (static_cast<int>(j) == held) {
+      problem.SetParameterBlockConstant(&q[j]);
+      continue;
+    }
+    if (std::isfinite(free[j].lower)) problem.SetParameterLowerBound(&q[j], 0, scale.inside(free[j].lower));
+    if (std::isfinite(free[j].upper)) problem.SetParameterUpperBound(&q[j], 0, scale.inside(free[j].upper));
+  }
+  StopCallback stop(evaluator);
+  ceres::Solver::Options solver;
+  solver.linear_solver_type = ceres::DENSE_QR;
+  solver.max_num_iterations = options.max_iterations;
+  solver.function_tolerance = options.tolerance;
+  solver.parameter_tolerance = 1e-10;
+  solver.gradient_tolerance = 1e-12;
+  // The first step is nearly Gauss-Newton's: starts are within a factor of ten, and a bad step is undone by the next.
+  solver.initial_trust_region_radius = 1e4;
+  solver.max_num_consecutive_invalid_steps = 20;  // failed simulations shorten the step, they do not end the fit
+  solver.logging_type = ceres::SILENT;
+  solver.callbacks.push_back(&stop);
+  Minimum minimum;
+  ceres::Solve(solver, &problem, &minimum.summary);
+  minimum.q = q;
+  minimum.chi_squared = 2 * minimum.summary.final_cost;
+  return minimum;
+}
+
+/// Where chi squared, minimised over all other parameters, has risen by `profile_rise`, going from the optimum in direction
+/// `sign`; empty when it has not at the bound. Fitted scale.
+std::optional<double> profile_end(Evaluator& evaluator, const std::vector<FreeParameter>& free, size_t measurements, const Minimum& best,
+                                  size_t j, int sign, double guess, const FitOptions& options) {
+  const Scale& scale = evaluator.scale(j);
+  const double bound = scale.inside(sign > 0 ? free[j].upper : free[j].lower);
+  FitOptions coarse = options;
+  coarse.tolerance = 1e-5;
+  std::vector<double> start = best.q;
+  auto rise_at = [&](double q) {
+    start[j] = q;
+    if (free.size() == 1) {
+      return evaluator.evaluate(start.data()) ? evaluator.residuals().squaredNorm() - best.chi_squared : std::numeric_limits<double>::infinity();
+    }
+    const Minimum there = minimise(evaluator, free, measurements, start, static_cast<int>(j), coarse);
+    if (there.summary.termination_type == ceres::FAILURE) return std::numeric_limits<double>::infinity();
+    start = there.q;
+    return there.chi_squared - best.chi_squared;
+  };
+  double inner = best.q[j], inner_rise = 0, step = std::max(guess, 1e-6);
+  double outer = inner, outer_rise = 0;
+  for (int expansion = 0; expansion < 12; ++expansion, step *= 2) {
+    if (evaluator.stopped()) return std::nullopt;
+    outer = inner + sign * step;
+    const bool at_bound = sign > 0 ? outer >= bound : outer <= bound;
+    if (at_bound) outer = bound;
+    outer_rise = rise_at(outer);
+    if (outer_rise >= profile_rise) break;
+    if (at_bound) return std::nullopt;
+    inner = outer;
+    inner_rise = outer_rise;
+  }
+  if (outer_rise < profile_rise) return std::nullopt;
+  for (int i = 0; i < 12 && std::abs(outer - inner) > 1e-3 * std::max(std::abs(outer - best.q[j]), 1e-12); ++i) {
+    if (evaluator.stopped()) break;
+    // The rise is nearly quadratic, so its root is nearly linear; bisect when that is of no use.
+    const double a = std::sqrt(std::max(inner_rise, 0.0)), b = std::sqrt(outer_rise), target = std::sqrt(profile_rise);
+    double t = std::isfinite(b) && b > a ? (target - a) / (b - a) : 0.5;
+    t = i % 3 == 2 ? 0.5 : std::clamp(t, 0.05, 0.95);
+    const double middle = inner + t * (outer - inner), rise = rise_at(middle);
+    if (rise >= profile_rise) {
+      outer = middle;
+      outer_rise = rise;
+    } else {
+      inner = middle;
+      inner_rise = rise;
+    }
+  }
+  return 0.5 * (inner + outer);
+}
+
+/// How far a parameter is from being known, as a number without unit: its standard error on the fitted scale, for parameters
+/// that are not logarithmic as a fraction of the range it may have.
+struct Spread {
+  double joint, alone;
+};
+
+constexpr double well = 0.1, weak = 0.7;
+
+Verdict verdict_of(const Spread& spread) {
+  if (spread.joint <= well) return Verdict::well_determined;
+  if (spread.joint <= weak) return Verdict::weakly_determined;
+  return spread.alone <= weak ? Verdict::tied : Verdict::invisible;
+}
+
+std::string explain(const ParameterEstimate& e, const Spread& spread, const std::string& partner, double correlation, bool at_bound) {
+  const double percent = 100 * spread.joint;
+  std::string text;
+  switch (e.verdict) {
+    case Verdict::well_determined:
+      text = fmt::format("The readings determine {} to {:.2g} %{}.", e.spec.id, percent, e.spec.logarithmic ? "" : " of its range");
+      break;
+    case Verdict::weakly_determined:
+      text = fmt::format("The readings determine {} to {:.2g} %{} only: its value is a rough one; more repeats or loads at which it matters more would help.",
+                         e.spec.id, percent, e.spec.logarithmic ? "" : " of its range");
+      break;
+    case Verdict::bounded_from_one_side:
+      text = fmt::format("The readings say that {} is {} {} and nothing more: {} it no longer changes the predictions by more than the noise; "
+                         "take the value from elsewhere and fix it.",
+                         e.spec.id, e.lower95 ? "above" : "below", with_unit(e.lower95 ? *e.lower95 : *e.upper95, e.spec.unit), e.lower95 ? "beyond that" : "below that");
+      break;
+    case Verdict::tied:
+      text = fmt::format("The readings see {} but cannot tell it from {}: a change of one is made up for by the other; fix one of them from another "
+                         "measurement, or add loads that separate them.",
+                         e.spec.id, partner.empty() ? "the other parameters" : partner);
+      break;
+    case Verdict::invisible:
+      text = fmt::format("The readings do not depend on {} within their noise: the value is that of the start, not a result; fix it, or measure where it matters.", e.spec.id);
+      break;
+  }
+  if ((e.verdict == Verdict::well_determined || e.verdict == Verdict::weakly_determined) && std::abs(correlation) > 0.9) {
+    text += fmt::format(" It is correlated with {} ({:.2f}).", partner, correlation);
+  }
+  if (at_bound) text += " The fit ended at a bound that was set: the interval ends there by assumption, so widen the bound or ask whether the model fits.";
+  return text;
+}
+
+double chi_squared_probability(double value, int dof) {
+  if (dof <= 0) return 1;
+  return boost::math::cdf(boost::math::complement(boost::math::chi_squared(dof), value));
+}
+
+LackOfFit lack_of_fit(const std::vector<Measurement>& measurements, double chi_squared, size_t parameters) {
+  struct Sums {
+    double w = 0, wy = 0, wyy = 0;
+    int n = 0;
+  };
+  std::map<int, Sums> groups;
+  for (const Measurement& m : measurements) {
+    Sums& sums = groups[m.group];
+    const double w = 1 / (m.sigma * m.sigma);
+    sums.w += w;
+    sums.wy += w * m.value;
+    ++sums.n;
+  }
+  double pure_error = 0;
+  for (const Measurement& m : measurements) {
+    const Sums& sums = groups[m.group];
+    pure_error += std::pow((m.value - sums.wy / sums.w) / m.sigma, 2);
+  }
+  LackOfFit result;
+  result.pure_error = pure_error;
+  result.pure_error_dof = static_cast<int>(measurements.size() - groups.size());
+  result.lack_of_fit = std::max(0.0, chi_squared - pure_error);
+  result.lack_of_fit_dof = static_cast<int>(groups.size()) - static_cast<int>(parameters);
+  result.available = result.pure_error_dof > 0 && result.lack_of_fit_dof > 0 && pure_error > 0;
+  if (result.available) {
+    result.F = (result.lack_of_fit / result.lack_of_fit_dof) / (result.pure_error / result.pure_error_dof);
+    const boost::math::fisher_f distribution(result.lack_of_fit_dof, result.pure_error_dof);
+    result.p_value = boost::math::cdf(boost::math::complement(distribution, result.F));
+  }
+  return result;
+}
+
+}  // namespace
+
+std::string_view name_of(Verdict verdict) {
+  switch (verdict) {
+    case Verdict::well_determined: return "well determined";
+    case Verdict::weakly_determined: return "weakly determined";
+    case Verdict::bounded_from_one_side: return "bounded from one side";
+    case Verdict::tied: return "tied";
+    case Verdict::invisible: return "invisible";
+  }
+  return "";
+}
+
+std::string_view name_of(FitStatus status) {
+  switch (status) {
+    case FitStatus::converged: return "converged";
+    case FitStatus::not_converged: return "not converged";
+    case FitStatus::start_failed: return "start failed";
+    case FitStatus::interrupted: return "interrupted";
+  }
+  return "";
+}
+
+FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, const std::vector<FreeParameter>& free,
+              const FitOptions& options) {
+  if (free.empty()) throw InputError("there is no free parameter to fit; name at least one under [fit.free]");
+  if (measurements.size() < free.size()) {
+    throw InputError(fmt::format("{} readings cannot determine {} parameters; add readings or fix parameters", measurements.size(), free.size()));
+  }
+  Evaluator evaluator(protocol, measurements, free, options);
+  std::vector<double> q;
+  for (size_t j = 0; j < free.size(); ++j) {
+    const ParameterSpec& spec = protocol.parameters()[free[j].index];
+    if (!(free[j].lower < free[j].upper) || !(free[j].start >= free[j].lower && free[j].start <= free[j].upper)) {
+      throw InputError(fmt::format("{}: the start {:.6g} {} must lie between its bounds {:.6g} and {:.6g}", spec.id, free[j].start, spec.unit, free[j].lower, free[j].upper));
+    }
+    q.push_back(evaluator.scale(j).inside(free[j].start));
+  }
+
+  FitResult result;
+  const size_t n = free.size();
+  Minimum best = minimise(evaluator, free, measurements.size(), q, -1, options);
+  result.message = best.summary.message;
+  result.iterations = static_cast<int>(best.summary.iterations.size()) - 1;
+  result.evaluations = evaluator.evaluations;
+  result.failed_evaluations = evaluator.failed;
+  result.failures = evaluator.failures;
+  result.status = evaluator.stopped()                                             ? FitStatus::interrupted
+                  : best.summary.termination_type == ceres::CONVERGENCE           ? FitStatus::converged
+                  : evaluator.failed > 0 && evaluator.failed == evaluator.evaluations ? FitStatus::start_failed
+                                                                                  : FitStatus::not_converged;
+
+  for (size_t j = 0; j < n; ++j) {
+    ParameterEstimate estimate;
+    estimate.spec = protocol.parameters()[free[j].index];
+    estimate.start = free[j].start;
+    estimate.lower = free[j].lower;
+    estimate.upper = free[j].upper;
+    estimate.value = evaluator.scale(j).outside(best.q[j]);
+    estimate.standard_error = nan;
+    result.parameters.push_back(estimate);
+  }
+  result.p = evaluator.params(best.q.data());
+  if (result.status == FitStatus::start_failed || result.status == FitStatus::interrupted) return result;
+
+  // What is reported is computed once more from the start of the protocol's path, without the fit's history.
+  protocol.forget();
+  Evaluator last(protocol, measurements, free, options);
+  if (!last.evaluate(best.q.data())) {
+    result.status = last.stopped() ? FitStatus::interrupted : FitStatus::not_converged;
+    result.message = "the optimum could not be computed again from the start of the path: " + last.failures.front();
+    return result;
+  }
+  result.predicted = last.prediction().values;
+  result.derivatives = last.prediction().derivatives;
+  const Eigen::VectorXd r = last.residuals();
+  const Eigen::MatrixXd J = last.jacobian();
+  best.chi_squared = result.chi_squared = r.squaredNorm();
+  result.residuals.resize(r.size());
+  for (size_t i = 0; i < measurements.size(); ++i) result.residuals[static_cast<Eigen::Index>(i)] = -r[static_cast<Eigen::Index>(i)] * measurements[i].sigma;
+  result.dof = static_cast<int>(measurements.size()) - static_cast<int>(n);
+  result.chi_squared_p = chi_squared_probability(result.chi_squared, result.dof);
+  result.lack_of_fit = lack_of_fit(measurements, result.chi_squared, n);
+
+  // Directions that the readings do not see at all get an infinite variance instead of a pseudo-inverse's zero.
+  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(J, Eigen::ComputeThinU | Eigen::ComputeThinV);
+  result.singular_values = svd.singularValues();
+  result.weakest = svd.matrixV().col(static_cast<Eigen::Index>(n) - 1);
+  const Eigen::VectorXd inverse = svd.singularValues().cwiseMax(1e-150).cwiseInverse();
+  result.covariance = svd.matrixV() * inverse.cwiseAbs2().asDiagonal() * svd.matrixV().transpose();
+  const Eigen::VectorXd sd = result.covariance.diagonal().cwiseSqrt();
+  result.correlation = sd.cwiseInverse().asDiagonal() * result.covariance * sd.cwiseInverse().asDiagonal();
+  result.prediction_se = (result.derivatives * result.covariance * result.derivatives.transpose()).diagonal().cwiseMax(0.0).cwiseSqrt();
+
+  for (size_t j = 0; j < n; ++j) {
+    ParameterEstimate& estimate = result.parameters[j];
+    const Scale& scale = evaluator.scale(j);
+    const Eigen::Index k = static_cast<Eigen::Index>(j);
+    const double range = scale.logarithmic ? 1.0 : std::isfinite(free[j].upper - free[j].lower) ? free[j].upper - free[j].lower : std::max(std::abs(estimate.value), 1e-12);
+    const Spread spread{sd[k] / range, 1 / std::max(J.col(k).norm(), 1e-150) / range};
+    estimate.verdict = verdict_of(spread);
+    estimate.standard_error = spread.joint < 1e3 ? sd[k] * scale.slope(estimate.value) : nan;
+
+    double lower = best.q[j] - z95 * sd[k], upper = best.q[j] + z95 * sd[k];
+    std::optional<double> low = lower, high = upper;
+    const double lower_bound = scale.inside(estimate.lower), upper_bound = scale.inside(estimate.upper);
+    if (estimate.verdict != Verdict::well_determined || lower < lower_bound || upper > upper_bound) {
+      low = high = std::nullopt;
+      if (options.profiles && !evaluator.stopped()) {
+        const double guess = std::min(z95 * sd[k], scale.logarithmic ? 1.0 : 0.25 * range);
+        low = profile_end(evaluator, free, measurements.size(), best, j, -1, guess, options);
+        high = profile_end(evaluator, free, measurements.size(), best, j, +1, guess, options);
+      }
+      if (estimate.verdict != Verdict::well_determined && low.has_value() != high.has_value()) estimate.verdict = Verdict::bounded_from_one_side;
+      if (estimate.verdict == Verdict::invisible && low && high) estimate.verdict = Verdict::weakly_determined;
+    }
+    if (low) estimate.lower95 = scale.outside(*low);
+    if (high) estimate.upper95 = scale.outside(*high);
+
+    std::string partner;
+    double strongest = 0;
+    for (size_t i = 0; i < n; ++i) {
+      const double c = result.correlation(k, static_cast<Eigen::Index>(i));
+      if (i != j && std::abs(c) > std::abs(strongest)) {
+        strongest = c;
+        partner = result.parameters[i].spec.id;
+      }
+    }
+    const double margin = 1e-6 * range;
+    const bool at_bound = best.q[j] - lower_bound < margin || upper_bound - best.q[j] < margin;
+    estimate.explanation = explain(estimate, spread, partner, strongest, at_bound);
+  }
+  return result;
+}
+
+}  // namespace taut

@@ -1,0 +1,61 @@
+#pragma once
+#include <optional>
+#include <string>
+#include <string_view>
+#include <toml++/toml.h>
+#include <vector>
+
+#include "calib/units.hpp"
+
+namespace taut {
+
+/// Reads one table of an experiment file. Every key that is asked for is known; finish() refuses all others with their line and
+/// the nearest known name, so a misspelt key is never silently a default. All functions throw InputError
+/// "file:line: [table] key: what is wrong, what is allowed".
+class TableReader {
+ public:
+  TableReader(const toml::table& table, std::string file, std::string name) : table_(&table), file_(std::move(file)), name_(std::move(name)) {}
+
+  bool has(std::string_view key);
+  std::string text(std::string_view key);  ///< required
+  std::string text(std::string_view key, std::string fallback);
+  /// A text that must be one of `allowed`; the first is the fallback.
+  std::string choice(std::string_view key, const std::vector<std::string>& allowed);
+  double number(std::string_view key);  ///< required
+  int integer(std::string_view key, int fallback, int smallest);
+  bool boolean(std::string_view key, bool fallback);
+  /// "30 mm" as 0.030; a plain number only where the quantity is pure.
+  double quantity(std::string_view key, Quantity quantity);
+  std::optional<double> optional_quantity(std::string_view key, Quantity quantity);
+  /// ["100 mm", "30 mm"]; `count` entries unless it is 0.
+  std::vector<double> quantities(std::string_view key, Quantity quantity, size_t count);
+  std::vector<double> numbers(std::string_view key, size_t count);  ///< [0, 0, -1]
+  std::vector<std::string> texts(std::string_view key);              ///< required, at least one
+  std::vector<std::string> texts_or_none(std::string_view key);
+  /// A sub-table; required.
+  TableReader table(std::string_view key);
+  /// A sub-table or an empty one.
+  std::optional<TableReader> optional_table(std::string_view key);
+  /// All sub-tables of a table of tables ([materials.foam], [materials.plastic]): name and reader; none when it is not there.
+  std::vector<std::pair<std::string, TableReader>> named_tables(std::string_view key);
+  /// An array of tables ([[load]], [[load]]); none when it is not there.
+  std::vector<TableReader> tables(std::string_view key);
+
+  /// Throws for the first key that nobody asked for.
+  void finish();
+  /// An InputError at `key` (or at the table when it is empty), to be thrown by the caller for its own checks.
+  [[noreturn]] void fail(std::string_view key, const std::string& what) const;
+  std::string where(std::string_view key) const;
+
+ private:
+  const toml::node* find(std::string_view key);
+  const toml::node& get(std::string_view key);
+  double quantity_of(const toml::node& node, std::string_view key, Quantity quantity) const;
+  const toml::array& array(std::string_view key, size_t count);
+
+  const toml::table* table_;
+  std::string file_, name_;
+  std::vector<std::string> asked_;
+};
+
+}  // namespace taut
