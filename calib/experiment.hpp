@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "calib/fit.hpp"
-#include "calib/protocol.hpp"
 #include "calib/trials.hpp"
 #include "sim/mesh/gmsh.hpp"
 #include "sim/terms/solid.hpp"
@@ -69,9 +68,15 @@ struct ChannelSettings {
   std::vector<double> direction;
 };
 
+/// A value as it stands in the file, and where: its quantity depends on the parameter, which only the model knows.
+struct GivenValue {
+  std::string text;
+  std::string where;
+};
+
 struct FreeSettings {
   std::string id;
-  std::optional<double> start, lower, upper;
+  std::optional<GivenValue> start, lower, upper;
 };
 
 struct VariantSettings {
@@ -81,7 +86,7 @@ struct VariantSettings {
 
 struct ReferenceValue {
   std::string parameter;
-  double value = 0;
+  GivenValue value;
   std::string source;
 };
 
@@ -110,23 +115,5 @@ struct Experiment {
 /// Reads and checks an experiment file. Paths in it are relative to it. Throws InputError with file, line, what is wrong, what
 /// is allowed and the nearest known name.
 Experiment read_experiment(const std::string& path);
-
-/// The mesh of an experiment with the given settings.
-Mesh make_mesh(const GeometrySettings& geometry, const MeshSettings& mesh);
-
-/// Rows of a bench turned into a protocol: the model, its controls set from the readings' columns, one row per distinct
-/// (controls, channel). `row_of_reading` tells which row each reading belongs to.
-struct StaticBench {
-  std::unique_ptr<StaticProtocol> protocol;
-  std::vector<int> row_of_reading;
-};
-StaticBench make_static_bench(const Experiment& experiment, const MeshSettings& mesh, const Trials& trials);
-
-/// The free parameters of an experiment with starts and bounds filled in from the model; InputError for unknown ids, a start
-/// outside its bounds, bounds outside the physical range, or a parameter the readings' model does not have.
-std::vector<FreeParameter> free_parameters(const Experiment& experiment, const Protocol& protocol);
-
-/// Readings as measurements of the bench's rows.
-std::vector<Measurement> measurements_of(const Trials& trials, const StaticBench& bench);
 
 }  // namespace taut

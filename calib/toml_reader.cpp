@@ -16,12 +16,13 @@ const toml::node* TableReader::find(std::string_view key) {
 std::string TableReader::where(std::string_view key) const {
   const toml::node* node = key.empty() ? nullptr : table_->get(key);
   const auto line = (node != nullptr ? node->source() : table_->source()).begin.line;
-  std::string text = line > 0 ? fmt::format("{}:{}: ", file_, line) : file_ + ": ";
-  if (!name_.empty()) text += fmt::format("[{}] ", name_);
-  return key.empty() ? text : text + std::string(key) + ": ";
+  std::string text = line > 0 ? fmt::format("{}:{}", file_, line) : file_;
+  if (!name_.empty()) text += fmt::format(": [{}]", name_);
+  if (!key.empty()) text += fmt::format("{} {}", name_.empty() ? ":" : "", key);
+  return text;
 }
 
-void TableReader::fail(std::string_view key, const std::string& what) const { throw InputError(where(key) + what); }
+void TableReader::fail(std::string_view key, const std::string& what) const { throw InputError(where(key) + ": " + what); }
 
 const toml::node& TableReader::get(std::string_view key) {
   const toml::node* node = find(key);
@@ -81,6 +82,14 @@ double TableReader::quantity_of(const toml::node& node, std::string_view key, Qu
 }
 
 double TableReader::quantity(std::string_view key, Quantity quantity) { return quantity_of(get(key), key, quantity); }
+
+std::optional<GivenValue> TableReader::optional_given(std::string_view key) {
+  if (!has(key)) return std::nullopt;
+  const toml::node& node = get(key);
+  if (const auto value = node.value_exact<std::string>()) return GivenValue{*value, where(key)};
+  if (node.is_number()) return GivenValue{fmt::format("{}", *node.value<double>()), where(key)};
+  fail(key, "a number, or a text in quotes with a unit, belongs here");
+}
 
 std::optional<double> TableReader::optional_quantity(std::string_view key, Quantity wanted) {
   if (!has(key)) return std::nullopt;
@@ -151,7 +160,7 @@ void TableReader::finish() {
     const std::string name(key.str());
     if (std::find(asked_.begin(), asked_.end(), name) != asked_.end()) continue;
     const auto line = key.source().begin.line;
-    throw InputError(fmt::format("{}:{}: {}unknown key '{}'{}; allowed: {}", file_, line, name_.empty() ? "" : "[" + name_ + "] ", name,
+    throw InputError(fmt::format("{}:{}: {}unknown key '{}'{}; allowed: {}", file_, line, name_.empty() ? "" : "[" + name_ + "]: ", name,
                                  did_you_mean(name, asked_), join(asked_)));
   }
 }

@@ -5,6 +5,7 @@
 #include <toml++/toml.h>
 #include <vector>
 
+#include "calib/experiment.hpp"
 #include "calib/units.hpp"
 
 namespace taut {
@@ -26,6 +27,8 @@ class TableReader {
   bool boolean(std::string_view key, bool fallback);
   /// "30 mm" as 0.030; a plain number only where the quantity is pure.
   double quantity(std::string_view key, Quantity quantity);
+  /// A number or a text with a unit, as it stands: for values whose quantity is only known later.
+  std::optional<GivenValue> optional_given(std::string_view key);
   std::optional<double> optional_quantity(std::string_view key, Quantity quantity);
   /// ["100 mm", "30 mm"]; `count` entries unless it is 0.
   std::vector<double> quantities(std::string_view key, Quantity quantity, size_t count);

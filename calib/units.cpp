@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <numbers>
+#include <stdexcept>
 
 #include "sim/core/error.hpp"
 
@@ -215,6 +216,13 @@ std::optional<double> parse_number(std::string_view text) {
   const auto [end, status] = std::from_chars(text.data(), text.data() + text.size(), value);
   if (status != std::errc() || end != text.data() + text.size() || !std::isfinite(value)) return std::nullopt;
   return value;
+}
+
+Quantity quantity_of_si_unit(std::string_view si_unit) {
+  for (const Unit& unit : kUnits) {
+    if (unit.name == si_unit && unit.factor == 1.0) return unit.quantity;
+  }
+  throw std::logic_error(fmt::format("'{}' is not an SI unit that taut knows", si_unit));
 }
 
 double parse_quantity(std::string_view text, Quantity quantity, std::string_view where) {

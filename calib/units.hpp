@@ -24,6 +24,9 @@ std::optional<double> parse_number(std::string_view text);
 /// Throws InputError for a missing or wrong unit or number; `where` starts the message.
 double parse_quantity(std::string_view text, Quantity quantity, std::string_view where);
 
+/// The quantity whose SI unit this is ("Pa": pressure). Throws std::logic_error for others: units of parameters are ours.
+Quantity quantity_of_si_unit(std::string_view si_unit);
+
 /// A number for people: 4 significant digits and a handy unit of the same quantity ("263.8 kPa", "6.49 mm").
 /// `si_unit` is the SI unit as ParameterSpec has it; unknown units are printed as they are.
 std::string with_unit(double si_value, std::string_view si_unit, int digits = 4);

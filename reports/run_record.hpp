@@ -35,6 +35,7 @@ struct CurveRecord {
   std::string series;          ///< what is held ("retraction 5.89 mm"), "" when there is only one series
   std::vector<double> load;    ///< force [N]
   std::vector<double> value, se;  ///< predicted displacement and standard error of the curve [m]
+  std::vector<double> increment_se;  ///< standard error of value - value at zero load [m]; empty: not known
 };
 
 /// Side view of the deformed specimen in one condition.
@@ -71,6 +72,7 @@ struct RunRecord {
   int load_control = -1;                  ///< index among the controls of the load that the figures are drawn over
   std::vector<double> load_newtons;       ///< per reading: the load as a force [N]
   std::vector<std::string> series;        ///< per reading: as CurveRecord::series
+  std::vector<std::string> parameter_ids; ///< of fit.p, in its order
   FitResult fit;                          ///< fit.parameters, statistics; fit.predicted etc. are per protocol row and not stored
   std::vector<ReadingRecord> readings;
   std::vector<CurveRecord> curves;

@@ -99,6 +99,15 @@ void SceneBuilder::add_traction(const std::string& tag, const Eigen::VectorXd& d
   terms_.push_back(make_load(mean_weights(mesh_, facets, direction) * measure_of(mesh_, facets), factors));
 }
 
+void SceneBuilder::add_line_load(const std::string& tag, const Eigen::VectorXd& direction, int control) {
+  check_direction(direction);
+  const Tag line = mesh_.select(tag);
+  if (line.dimension != mesh_.dimension() - 2) throw InputError(fmt::format("a line load acts on {}, and '{}' is not one", mesh_.dimension() == 3 ? "an edge, such as \"xmax & zmax\"" : "a point, such as \"xmax & ymax\"", tag));
+  std::vector<int> factors{control};
+  if (thickness_ >= 0) factors.push_back(thickness_);  // in 2D the line runs through the thickness
+  terms_.push_back(make_load(mean_weights(mesh_, line, direction) * (thickness_ >= 0 ? 1.0 : measure_of(mesh_, line)), factors));
+}
+
 void SceneBuilder::add_weight(const std::string& region, double density, const Eigen::VectorXd& direction, int gravity) {
   check_direction(direction);
   const int rho = declare({"density_" + region, "rho", "kg/m3", 1e-3, 1e5, "density of " + region}, density);

@@ -46,6 +46,8 @@ class SceneBuilder {
   void add_point_force(const Eigen::VectorXd& point, const Eigen::VectorXd& direction, int control, int gravity = -1);
   /// Dead traction of p[control] pascals of rest area on a facet tag.
   void add_traction(const std::string& tag, const Eigen::VectorXd& direction, int control);
+  /// Dead line load of p[control] newtons per metre along a tag of segments (an edge "a & b" of a 3D body; in 2D, of a point).
+  void add_line_load(const std::string& tag, const Eigen::VectorXd& direction, int control);
   /// Self-weight of a region: density [kg/m^3] and the index of the acceleration [m/s^2].
   void add_weight(const std::string& region, double density, const Eigen::VectorXd& direction, int gravity);
 

@@ -1,0 +1,40 @@
+#pragma once
+#include <memory>
+#include <vector>
+
+#include "calib/experiment.hpp"
+#include "calib/fit.hpp"
+#include "calib/protocol.hpp"
+#include "calib/trials.hpp"
+
+namespace taut {
+
+/// The mesh of an experiment with the given settings. Throws InputError naming the experiment's file.
+Mesh make_mesh(const Experiment& experiment, const MeshSettings& settings);
+
+/// The model of an experiment and the indices of what its bench sets.
+struct BenchModel {
+  Scene scene;
+  std::vector<NamedChannel> channels;
+  std::vector<int> controls;             ///< table index per entry of experiment.bench.controls
+  std::vector<int> switched_off_at_rest; ///< gravity and constant loads
+};
+/// `quantities` says what each control's column holds (force, mass, ...): it decides what kind of load it is.
+BenchModel make_model(const Experiment& experiment, const MeshSettings& settings, const std::vector<Quantity>& quantities);
+
+/// Readings as rows of a static protocol: one row per distinct (controls, channel), readings of one row are repeats.
+struct StaticBench {
+  std::unique_ptr<StaticProtocol> protocol;
+  std::vector<int> row_of_reading;
+  std::vector<Measurement> measurements;
+};
+StaticBench make_static_bench(const Experiment& experiment, const MeshSettings& settings, const Trials& trials);
+
+/// The experiment's free parameters with starts and bounds filled in from the model. Throws InputError for unknown ids, a start
+/// outside its bounds, and bounds outside the physical range.
+std::vector<FreeParameter> free_parameters(const Experiment& experiment, const Protocol& protocol);
+
+/// A load as a force [N] for figures: itself, a mass times gravity; other quantities as they are.
+double load_in_newtons(const Experiment& experiment, Quantity quantity, double si_value);
+
+}  // namespace taut
