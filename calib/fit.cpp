@@ -351,6 +351,16 @@ std::string_view name_of(FitStatus status) {
   return "";
 }
 
+Eigen::VectorXd standard_errors(const Prediction& prediction, const ParameterTable& table, const Params& p,
+                                const std::vector<FreeParameter>& free, const Eigen::MatrixXd& covariance) {
+  if (covariance.size() == 0) return Eigen::VectorXd::Zero(prediction.values.size());
+  Eigen::MatrixXd D = prediction.derivatives;
+  for (size_t j = 0; j < free.size(); ++j) {
+    D.col(static_cast<Eigen::Index>(j)) *= Scale{table[free[j].index].logarithmic}.slope(p[free[j].index]);
+  }
+  return (D * covariance * D.transpose()).diagonal().cwiseMax(0.0).cwiseSqrt();
+}
+
 FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, const std::vector<FreeParameter>& free,
               const FitOptions& options) {
   if (free.empty()) throw InputError("there is no free parameter to fit; name at least one under [fit.free]");
@@ -402,7 +412,6 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
     return result;
   }
   result.predicted = last.prediction().values;
-  result.derivatives = last.prediction().derivatives;
   const Eigen::VectorXd r = last.residuals();
   const Eigen::MatrixXd J = last.jacobian();
   best.chi_squared = result.chi_squared = r.squaredNorm();
@@ -420,7 +429,8 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
   result.covariance = svd.matrixV() * inverse.cwiseAbs2().asDiagonal() * svd.matrixV().transpose();
   const Eigen::VectorXd sd = result.covariance.diagonal().cwiseSqrt();
   result.correlation = sd.cwiseInverse().asDiagonal() * result.covariance * sd.cwiseInverse().asDiagonal();
-  result.prediction_se = (result.derivatives * result.covariance * result.derivatives.transpose()).diagonal().cwiseMax(0.0).cwiseSqrt();
+  const Eigen::MatrixXd& D = last.prediction().derivatives;  // on the fitted scale already
+  result.prediction_se = (D * result.covariance * D.transpose()).diagonal().cwiseMax(0.0).cwiseSqrt();
 
   for (size_t j = 0; j < n; ++j) {
     ParameterEstimate& estimate = result.parameters[j];

@@ -69,7 +69,6 @@ struct FitResult {
   Eigen::VectorXd weakest;         ///< right singular vector of the smallest one: the combination known least
   Params p;                        ///< all parameters at the optimum
   Eigen::VectorXd predicted;       ///< per protocol row, recomputed from the start of the protocol's path, SI
-  Eigen::MatrixXd derivatives;     ///< of the predictions on the fitted scale, rows x free
   Eigen::VectorXd prediction_se;   ///< per protocol row: standard error of the curve, SI
   Eigen::VectorXd residuals;       ///< per measurement: measured - predicted, SI
   double chi_squared = 0;          ///< sum of (residual / sigma)^2
@@ -95,6 +94,11 @@ struct FitOptions {
   const std::atomic<bool>* stop = nullptr;
   std::function<void(const FitProgress&)> progress;
 };
+
+/// Standard error of each prediction [SI] from the covariance of the fitted scale, first order: sqrt(diag(D C D^T)) with D the
+/// derivatives of `prediction` (with respect to the parameters `free`, SI) on that scale. Zeros when `covariance` is empty.
+Eigen::VectorXd standard_errors(const Prediction& prediction, const ParameterTable& table, const Params& p,
+                                const std::vector<FreeParameter>& free, const Eigen::MatrixXd& covariance);
 
 /// Weighted nonlinear least squares (Ceres, Levenberg-Marquardt): min sum ((measured - predicted(theta)) / sigma)^2 within
 /// bounds. Displacements are fitted, not stiffnesses: the mean of 1/x is not 1/mean. A simulation that fails shortens the

@@ -69,6 +69,7 @@ class StaticProtocol final : public Protocol {
 
   const Scene& scene() const { return scene_; }
   const std::vector<StaticRow>& rows() const { return rows_; }
+  const std::vector<int>& controls() const { return controls_; }  ///< table indices of what rows set
 
   /// A distinct set of controls, its last equilibrium and what it took.
   struct Condition {

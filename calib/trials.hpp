@@ -64,4 +64,14 @@ struct Trials {
 /// channel, both lines named), sigma not positive, no noise given at all.
 Trials read_trials(const BenchFormat& format);
 
+/// A line of a file that holds loads only: where to predict.
+struct LoadRow {
+  int line = 0;
+  std::vector<double> controls;  ///< SI, in the order of BenchFormat::controls
+};
+
+/// Reads the control columns of `format` from the CSV file at `path`; the format's other columns may be there and are not read.
+/// Throws InputError as read_trials() does.
+std::vector<LoadRow> read_load_rows(const BenchFormat& format, const std::string& path);
+
 }  // namespace taut

@@ -35,7 +35,7 @@ struct CurveRecord {
   std::string series;          ///< what is held ("retraction 5.89 mm"), "" when there is only one series
   std::vector<double> load;    ///< force [N]
   std::vector<double> value, se;  ///< predicted displacement and standard error of the curve [m]
-  std::vector<double> increment_se;  ///< standard error of value - value at zero load [m]; empty: not known
+  std::vector<double> increment_se = {};  ///< standard error of value - value at zero load [m]; empty: not known
 };
 
 /// Side view of the deformed specimen in one condition.

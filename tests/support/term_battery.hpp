@@ -9,6 +9,7 @@
 
 #include "sim/core/model.hpp"
 #include "sim/mesh/structured.hpp"
+#include "sim/terms/solid.hpp"
 #include "tests/support/taylor.hpp"
 
 // What every energy must satisfy. A term is put into a model of its own, without supports, and seen through it.
@@ -74,8 +75,10 @@ inline Eigen::VectorXd random_state(const Mesh& mesh, double strain, double nois
   std::mt19937 random(seed);
   const int d = mesh.dimension();
   const Eigen::MatrixXd H = strain * random_vector(d * d, random).reshaped(d, d);
-  Eigen::VectorXd u = noise * mesh.diagonal() * random_vector(mesh.X.size(), random);
-  for (int i = 0; i < mesh.node_count(); ++i) u.segment(i * d, d) += H * mesh.node(i);
+  const Eigen::VectorXd irregular = noise * mesh.diagonal() * random_vector(mesh.X.size(), random);
+  Eigen::VectorXd homogeneous(mesh.X.size()), u;
+  for (int i = 0; i < mesh.node_count(); ++i) homogeneous.segment(i * d, d) = H * mesh.node(i);
+  for (double scale = 1; u.size() == 0 || smallest_jacobian(mesh, u) < 0.1; scale *= 0.8) u = homogeneous + scale * irregular;
   return u;
 }
 

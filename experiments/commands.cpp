@@ -1,0 +1,326 @@
+#include "experiments/commands.hpp"
+
+#include <fmt/format.h>
+
+#include <chrono>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "experiments/session.hpp"
+#include "reports/report.hpp"
+#include "sim/core/error.hpp"
+
+namespace taut {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+class Stopwatch {
+ public:
+  double seconds() const { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count(); }
+
+ private:
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+};
+
+bool interrupted(const CommandOptions& options) { return options.stop != nullptr && options.stop->load(); }
+
+std::vector<int> indices_of(const std::vector<FreeParameter>& free) {
+  std::vector<int> indices;
+  for (const FreeParameter& parameter : free) indices.push_back(parameter.index);
+  return indices;
+}
+
+/// A finite number or null.
+Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
+
+/// Readings as a table for people.
+void print_readings(const RunRecord& record) {
+  fmt::print("{:>5}  {:<12} {:<14} {:<28} {:>11} {:>11} {:>9} {:>8}\n", "line", "trial", "channel", "controls", "measured", "predicted", "residual", "/sigma");
+  for (const ReadingRecord& reading : record.readings) {
+    std::string controls;
+    for (size_t k = 0; k < reading.controls.size(); ++k) controls += fmt::format("{}{}", k == 0 ? "" : ", ", with_unit(reading.controls[k], record.control_units[k]));
+    const double residual = reading.measured - reading.predicted;
+    fmt::print("{:>5}  {:<12} {:<14} {:<28} {:>8.3f} mm {:>8.3f} mm {:>6.3f} mm {:>8.2f}\n", reading.line, reading.trial, reading.channel, controls,
+               1e3 * reading.measured, 1e3 * reading.predicted, 1e3 * residual, residual / reading.sigma);
+  }
+}
+
+void fill_predictions(RunRecord& record, const StaticBench& bench, const Eigen::VectorXd& values, const Eigen::VectorXd& se) {
+  for (size_t i = 0; i < record.readings.size(); ++i) {
+    record.readings[i].predicted = values[bench.row_of_reading[i]];
+    if (se.size() > 0) record.readings[i].prediction_se = se[bench.row_of_reading[i]];
+  }
+}
+
+std::string interval_text(const ParameterEstimate& e) {
+  auto end = [&](const std::optional<double>& value) { return value ? with_unit(*value, e.spec.unit) : std::string("open"); };
+  return fmt::format("{} to {}", end(e.lower95), end(e.upper95));
+}
+
+void print_fit(const RunRecord& record) {
+  const FitResult& fit = record.fit;
+  if (record.simulated) fmt::print("SIMULATED DATA: the readings were made by a program, not measured.\n");
+  for (const ParameterEstimate& e : fit.parameters) {
+    fmt::print("{} = {} +- {} (standard error), 95 % interval {}: {}\n  {}\n", e.spec.id, with_unit(e.value, e.spec.unit),
+               std::isfinite(e.standard_error) ? with_unit(e.standard_error, e.spec.unit, 2) : "unknown", interval_text(e), name_of(e.verdict), e.explanation);
+  }
+  fmt::print("chi squared {:.4g} for {} degrees of freedom (p = {:.2g})", fit.chi_squared, fit.dof, fit.chi_squared_p);
+  if (fit.lack_of_fit.available) fmt::print("; lack of fit F = {:.3g} (p = {:.2g})", fit.lack_of_fit.F, fit.lack_of_fit.p_value);
+  fmt::print("\n");
+  for (const VariantRecord& variant : record.variants) {
+    std::string values;
+    for (size_t j = 0; j < variant.values.size(); ++j) values += fmt::format("{}{} = {}", j == 0 ? "" : ", ", fit.parameters[j].spec.id, with_unit(variant.values[j], fit.parameters[j].spec.unit));
+    fmt::print("variant {:<22} {:<48} {}\n", variant.name, variant.mesh, values.empty() ? variant.status : values);
+  }
+  for (const ReferenceRecord& reference : record.references) {
+    for (const ParameterEstimate& e : fit.parameters) {
+      if (e.spec.id == reference.parameter) {
+        fmt::print("published {} = {} ({}): ours is {:+.1f} %\n", e.spec.id, with_unit(reference.value, e.spec.unit), reference.source, 100 * (e.value / reference.value - 1));
+      }
+    }
+  }
+}
+
+FitOptions fit_options(const CommandOptions& options, const Session& session, const std::vector<FreeParameter>& free, Progress& progress, const std::string& what) {
+  FitOptions result;
+  result.stop = options.stop;
+  result.progress = [&progress, &session, &free, what](const FitProgress& state) {
+    std::string text = fmt::format("{}: evaluation {}, chi squared {:.5g}", what, state.evaluation, state.chi_squared);
+    for (size_t j = 0; j < free.size(); ++j) {
+      const ParameterSpec& spec = session.bench.protocol->parameters()[free[j].index];
+      text += fmt::format(", {} = {}", spec.id, with_unit(state.values[j], spec.unit));
+    }
+    progress.show(text);
+  };
+  return result;
+}
+
+VariantRecord as_variant(const std::string& name, const MeshSettings& mesh, const StaticProtocol& protocol, const FitResult& fit, double seconds) {
+  VariantRecord record;
+  record.name = name;
+  record.mesh = mesh.describe();
+  record.unknowns = protocol.scene().model->free_unknowns();
+  record.status = name_of(fit.status);
+  record.chi_squared = fit.chi_squared;
+  record.seconds = seconds;
+  if (fit.status == FitStatus::converged) {
+    for (const ParameterEstimate& e : fit.parameters) {
+      record.values.push_back(e.value);
+      record.standard_errors.push_back(e.standard_error);
+    }
+  }
+  return record;
+}
+
+/// The same fit with another mesh, started from the main one's result. What fails costs that variant.
+VariantRecord fit_variant(const Session& session, const VariantSettings& variant, const FitResult& main, const CommandOptions& options, Progress& progress) {
+  const Stopwatch watch;
+  try {
+    const StaticBench bench = make_static_bench(session.experiment, variant.mesh, session.trials);
+    std::vector<FreeParameter> free = free_parameters(session.experiment, *bench.protocol);
+    for (size_t j = 0; j < free.size(); ++j) free[j].start = main.parameters[j].value;
+    FitOptions how = fit_options(options, session, free, progress, "variant " + variant.name);
+    how.profiles = false;
+    how.tolerance = 1e-6;
+    const FitResult fit_result = fit(*bench.protocol, bench.measurements, free, how);
+    return as_variant(variant.name, variant.mesh, *bench.protocol, fit_result, watch.seconds());
+  } catch (const InputError& error) {
+    VariantRecord record;
+    record.name = variant.name;
+    record.mesh = variant.mesh.describe();
+    record.status = error.what();
+    record.seconds = watch.seconds();
+    return record;
+  }
+}
+
+}  // namespace
+
+int check_command(const CommandOptions& options) {
+  const Session session = open_session(options);
+  const std::vector<FreeParameter> free = free_parameters(session.experiment, *session.bench.protocol);
+  const RunRecord record = start_record(session, options);
+  const ParameterTable& table = session.bench.protocol->parameters();
+  if (options.json) {
+    Json json{{"title", record.title}, {"data", record.simulated ? "simulated" : "measured"}};
+    for (const auto& [label, text] : record.setup) json["setup"].push_back({label, text});
+    for (const FreeParameter& p : free) json["free"].push_back({{"id", table[p.index].id}, {"start", p.start}, {"bounds", {p.lower, p.upper}}, {"unit", table[p.index].unit}});
+    json["warnings"] = record.remarks;
+    fmt::print("{}\n", json.dump(2));
+    return exit_ok;
+  }
+  fmt::print("{}\n", record.title);
+  for (const auto& [label, text] : record.setup) fmt::print("  {:<22} {}\n", label, text);
+  fmt::print("  {:<22} {}\n", "distinct solves", session.bench.protocol->conditions().size());
+  for (const FreeParameter& p : free) {
+    const ParameterSpec& spec = table[p.index];
+    fmt::print("  {:<22} start {}, bounds {} to {}\n", "free " + spec.id, with_unit(p.start, spec.unit), with_unit(p.lower, spec.unit), with_unit(p.upper, spec.unit));
+  }
+  if (free.empty()) fmt::print("  nothing is free: `taut fit` needs at least one [fit.free.ID]; parameters: {}\n", join(table.ids()));
+  for (const std::string& warning : record.remarks) fmt::print("warning: {}\n", warning);
+  if (record.remarks.empty()) fmt::print("no problems found\n");
+  return exit_ok;
+}
+
+int replay_command(const CommandOptions& options) {
+  const Session session = open_session(options);
+  Progress progress(options.quiet);
+  StaticProtocol& protocol = *session.bench.protocol;
+  RunRecord record = start_record(session, options);
+  Params p = protocol.nominal();
+  for (const auto& [id, text] : options.set) {
+    const int index = protocol.parameters().index(id);
+    p[index] = parse_quantity(text, quantity_of_si_unit(protocol.parameters()[index].unit), "--set " + id);
+    protocol.parameters().check(index, p[index]);
+  }
+  progress.say(fmt::format("replaying {} conditions with {} unknowns", protocol.conditions().size(), protocol.scene().model->free_unknowns()));
+  const Stopwatch watch;
+  const Prediction prediction = protocol.predict(p, {});
+  record.replay_seconds = watch.seconds();
+  fill_predictions(record, session.bench, prediction.values, {});
+  const std::string folder = run_folder(options);
+  write_file((fs::path(folder) / "predictions.csv").string(), predictions_csv(record));
+  make_shapes(session, folder, record.shape_axes);
+  if (options.json) {
+    Json json{{"title", record.title}, {"data", record.simulated ? "simulated" : "measured"}, {"seconds", record.replay_seconds}, {"factorisations", protocol.factorisations()}};
+    for (const ReadingRecord& r : record.readings) {
+      json["rows"].push_back({{"line", r.line}, {"channel", r.channel}, {"trial", r.trial}, {"controls", r.controls}, {"measured_m", r.measured}, {"predicted_m", number(r.predicted)}});
+    }
+    json["failures"] = prediction.failures;
+    fmt::print("{}\n", json.dump(2));
+  } else {
+    if (record.simulated) fmt::print("SIMULATED DATA in the column 'measured'.\n");
+    print_readings(record);
+  }
+  for (const std::string& warning : record.remarks) progress.say("warning: " + warning);
+  for (const std::string& warning : warnings_after(protocol)) progress.say("warning: " + warning);
+  for (const std::string& failure : prediction.failures) fmt::print(stderr, "taut: {}\n", failure);
+  progress.say(fmt::format("{:.2f} s, {} Newton iterations, {} factorisations; {}/predictions.csv, {}/states/states.pvd", record.replay_seconds, protocol.newton_iterations(), protocol.factorisations(), folder, folder));
+  if (interrupted(options)) return exit_interrupted;
+  return prediction.complete() ? exit_ok : exit_solve;
+}
+
+int fit_command(const CommandOptions& options) {
+  const Stopwatch watch;
+  Session session = open_session(options);
+  Progress progress(options.quiet);
+  StaticProtocol& protocol = *session.bench.protocol;
+  const std::vector<FreeParameter> free = free_parameters(session.experiment, protocol);
+  RunRecord record = start_record(session, options);
+  const std::string folder = run_folder(options);
+  for (const std::string& warning : record.remarks) progress.say("warning: " + warning);
+  progress.say(fmt::format("fitting {} readings in {} conditions with {} unknowns", record.readings.size(), protocol.conditions().size(), protocol.scene().model->free_unknowns()));
+
+  const Stopwatch fit_watch;
+  record.fit = fit(protocol, session.bench.measurements, free, fit_options(options, session, free, progress, "fit"));
+  record.fit_factorisations = protocol.factorisations();
+  record.main = as_variant("this fit", session.experiment.mesh, protocol, record.fit, fit_watch.seconds());
+  copy_inputs(session, folder, record);
+  if (record.fit.status == FitStatus::start_failed) {
+    for (const std::string& failure : record.fit.failures) fmt::print(stderr, "taut: {}\n", failure);
+    fmt::print(stderr, "taut: the simulation failed at the start of the fit; change the start values, or look at the model with `taut replay`\n");
+    return interrupted(options) ? exit_interrupted : exit_solve;
+  }
+  for (const std::string& failure : record.fit.failures) record.remarks.push_back("survived in the fit: " + failure);
+
+  if (!interrupted(options)) {
+    const int before = protocol.factorisations();
+    const Stopwatch replay_watch;
+    protocol.forget();
+    protocol.predict(record.fit.p, {});
+    record.replay_seconds = replay_watch.seconds();
+    record.replay_factorisations = protocol.factorisations() - before;
+    fill_predictions(record, session.bench, record.fit.predicted, record.fit.prediction_se);
+    progress.show("drawing curves");
+    record.curves = make_curves(session, record.fit.p, free, record.fit.covariance);
+    record.shapes = make_shapes(session, folder, record.shape_axes);
+    for (const std::string& warning : warnings_after(protocol)) record.remarks.push_back(warning);
+  }
+  if (options.variants) {
+    for (const VariantSettings& variant : session.experiment.variants) {
+      if (interrupted(options)) break;
+      progress.show("variant " + variant.name);
+      VariantRecord result = fit_variant(session, variant, record.fit, options, progress);
+      if (!interrupted(options)) record.variants.push_back(std::move(result));
+    }
+  }
+  if (interrupted(options)) {
+    if (record.fit.status != FitStatus::interrupted) record.remarks.emplace_back("interrupted: later parts of the run are missing");
+    record.fit.message = "interrupted";
+  }
+  record.provenance.wall_seconds = watch.seconds();
+  progress.show("writing " + folder);
+  write_run(record, folder);
+
+  if (options.json) fmt::print("{}\n", to_json(record));
+  else print_fit(record);
+  progress.say(fmt::format("{:.1f} s, {} evaluations, {} factorisations (one cold replay: {:.2f} s, {})", record.provenance.wall_seconds, record.fit.evaluations, record.fit_factorisations, record.replay_seconds, record.replay_factorisations));
+  progress.say("report: " + (fs::path(folder) / "report.html").string());
+  if (interrupted(options)) return exit_interrupted;
+  return record.fit.status == FitStatus::converged ? exit_ok : exit_fit;
+}
+
+int predict_command(const CommandOptions& options) {
+  const RunRecord record = read_run(options.target);
+  Experiment experiment = experiment_of_run(record, options.target);
+  experiment.equilibrium.stop = options.stop;
+  experiment.threads = options.threads;
+  const std::vector<LoadRow> rows = read_load_rows(experiment.bench, options.rows);
+  Trials trials = read_trials(experiment.bench);
+  trials.readings.clear();
+  for (const LoadRow& row : rows) {
+    for (size_t channel = 0; channel < trials.channel_ids.size(); ++channel) {
+      Reading reading;
+      reading.line = row.line;
+      reading.controls = row.controls;
+      reading.channel = static_cast<int>(channel);
+      trials.readings.push_back(reading);
+    }
+  }
+  const StaticBench bench = make_static_bench(experiment, experiment.mesh, trials);
+  StaticProtocol& protocol = *bench.protocol;
+  Params p = protocol.nominal();
+  std::vector<FreeParameter> free;
+  for (const ParameterEstimate& e : record.fit.parameters) {
+    FreeParameter& parameter = free.emplace_back();
+    parameter.index = protocol.parameters().index(e.spec.id);
+    p[parameter.index] = e.value;
+  }
+  Progress progress(options.quiet);
+  progress.say(fmt::format("predicting {} rows with {} unknowns", rows.size(), protocol.scene().model->free_unknowns()));
+  const Prediction prediction = protocol.predict(p, indices_of(free));
+  const Eigen::VectorXd se = standard_errors(prediction, protocol.parameters(), p, free, record.fit.covariance);
+
+  Json json{{"title", record.title}, {"data", record.simulated ? "simulated" : "measured"}};
+  std::string header = "line,channel";
+  for (size_t k = 0; k < record.control_ids.size(); ++k) header += "," + record.control_ids[k] + "_" + record.control_units[k];
+  std::string csv = header + ",predicted_m,standard_error_m,lower95_m,upper95_m\n";
+  for (size_t i = 0; i < trials.readings.size(); ++i) {
+    const Reading& reading = trials.readings[i];
+    const double value = prediction.values[bench.row_of_reading[i]], error = se[bench.row_of_reading[i]];
+    const double lower = value - 1.96 * error, upper = value + 1.96 * error;
+    csv += fmt::format("{},{}", reading.line, trials.channel_ids[static_cast<size_t>(reading.channel)]);
+    for (double control : reading.controls) csv += fmt::format(",{:.10g}", control);
+    csv += fmt::format(",{:.8g},{:.3g},{:.8g},{:.8g}\n", value, error, lower, upper);
+    json["rows"].push_back({{"line", reading.line}, {"channel", trials.channel_ids[static_cast<size_t>(reading.channel)]}, {"controls", reading.controls},
+                            {"predicted_m", number(value)}, {"standard_error_m", number(error)}, {"interval95_m", {number(lower), number(upper)}}});
+  }
+  if (options.json) fmt::print("{}\n", json.dump(2));
+  else fmt::print("{}", csv);
+  for (const std::string& failure : prediction.failures) fmt::print(stderr, "taut: {}\n", failure);
+  for (const std::string& warning : warnings_after(protocol)) progress.say("warning: " + warning);
+  if (interrupted(options)) return exit_interrupted;
+  return prediction.complete() ? exit_ok : exit_solve;
+}
+
+int report_command(const CommandOptions& options) {
+  const RunRecord record = read_run(options.target);
+  write_run(record, options.target);
+  if (options.json) fmt::print("{}\n", Json{{"report", (fs::path(options.target) / "report.html").string()}}.dump());
+  else fmt::print("{}\n", (fs::path(options.target) / "report.html").string());
+  return exit_ok;
+}
+
+}  // namespace taut

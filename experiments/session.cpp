@@ -1,0 +1,346 @@
+#include "experiments/session.hpp"
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <Eigen/Geometry>
+#include <cstdio>
+#include <filesystem>
+#include <set>
+
+#include "experiments/version.hpp"
+#include "reports/vtu.hpp"
+#include "sim/core/error.hpp"
+
+namespace taut {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* experiment_copy = "experiment.toml";
+constexpr const char* data_copy = "data.csv";
+constexpr const char* mesh_copy = "mesh.msh";
+
+std::string list_of(const std::vector<double>& values, std::string_view unit) {
+  std::string text;
+  for (double value : values) text += fmt::format("{}{}", text.empty() ? "" : ", ", with_unit(value, unit));
+  return text;
+}
+
+std::string control_text(const Session& session, size_t k, double value) {
+  return with_unit(value, session.bench.protocol->parameters()[session.bench.protocol->controls()[k]].unit);
+}
+
+}  // namespace
+
+Session open_session(const CommandOptions& options) {
+  Session session;
+  session.experiment = read_experiment(options.target);
+  session.experiment.equilibrium.stop = options.stop;
+  if (options.threads > 0) session.experiment.threads = options.threads;
+  session.trials = read_trials(session.experiment.bench);
+  session.bench = make_static_bench(session.experiment, session.experiment.mesh, session.trials);
+  return session;
+}
+
+Progress::Progress(bool quiet) : quiet_(quiet), terminal_(isatty(STDERR_FILENO) != 0) {}
+Progress::~Progress() { clear(); }
+
+void Progress::clear() {
+  if (shown_) std::fputs("\r\033[K", stderr);
+  shown_ = false;
+}
+
+void Progress::say(const std::string& line) {
+  if (quiet_) return;
+  clear();
+  fmt::print(stderr, "{}\n", line);
+}
+
+void Progress::show(const std::string& line) {
+  if (quiet_ || !terminal_) return;
+  fmt::print(stderr, "\r\033[K{}", line.substr(0, 150));
+  std::fflush(stderr);
+  shown_ = true;
+}
+
+std::string run_folder(const CommandOptions& options) {
+  if (!options.out.empty()) return options.out;
+  const fs::path file = fs::absolute(options.target);
+  const std::string stem = file.stem().string();
+  return (fs::path("runs") / (stem == "experiment" ? file.parent_path().filename().string() : stem)).string();
+}
+
+std::vector<std::pair<std::string, std::string>> describe_setup(const Session& session) {
+  const Experiment& e = session.experiment;
+  const Model& model = *session.bench.protocol->scene().model;
+  std::vector<std::pair<std::string, std::string>> lines;
+  lines.emplace_back("data", e.simulated ? "simulated" : "measured");
+  std::string geometry = e.geometry.kind;
+  if (!e.geometry.size.empty()) geometry += " of " + list_of(e.geometry.size, "m");
+  if (e.geometry.dimension == 2) geometry += fmt::format(", plane {}, {} thick", e.geometry.plane == Plane::strain ? "strain" : "stress", with_unit(e.geometry.thickness, "m"));
+  lines.emplace_back("geometry", geometry);
+  lines.emplace_back("mesh", fmt::format("{}: {} nodes, {} elements, {} unknowns", e.mesh.describe(), model.mesh().node_count(), model.mesh().element_count(), model.free_unknowns()));
+  for (const MaterialSettings& material : e.materials) {
+    std::string text = material.law;
+    for (const auto& [id, value] : material.constants) text += fmt::format(", {} = {}", id, with_unit(value, id == "E" ? "Pa" : "1"));
+    if (material.density) text += fmt::format(", density = {}", with_unit(*material.density, "kg/m3"));
+    lines.emplace_back("material " + material.region, text);
+  }
+  for (const SupportSettings& support : e.supports) {
+    std::string text;
+    for (int component : support.fix) text += fmt::format("{}{}", text.empty() ? "fixed in " : ", ", "xyz"[component]);
+    if (!support.control.empty()) text += fmt::format("{}moved in {} by column '{}'", text.empty() ? "" : "; ", "xyz"[support.component], support.column);
+    lines.emplace_back("support " + support.on, text);
+  }
+  if (!e.gravity_direction.empty()) lines.emplace_back("self-weight", fmt::format("g = {}", with_unit(e.gravity, "m/s2", 6)));
+  for (const LoadSettings& load : e.loads) {
+    const std::string place = load.on.empty() ? "point (" + list_of(load.point, "m") + ")" : load.on;
+    lines.emplace_back("load " + load.id, fmt::format("{} on {}, {}", name_of(load.quantity), place, load.column.empty() ? "constant " + fmt::format("{:.6g} (SI)", load.value) : "column '" + load.column + "'"));
+  }
+  for (const ChannelSettings& channel : e.channels) {
+    std::string text = channel.on.empty() ? "displacement of point (" + list_of(channel.point, "m") + ")" : "mean displacement of " + channel.on;
+    if (!channel.standoff.empty()) text += fmt::format(", marker {} off it, turning with {}", list_of(channel.standoff, "m"), channel.turns_with);
+    lines.emplace_back("channel " + channel.id, text);
+  }
+  lines.emplace_back("measured from", e.from_unloaded ? "the unloaded equilibrium" : "the rest shape");
+  for (const std::string& remark : session.trials.remarks) lines.emplace_back("bench", remark);
+  return lines;
+}
+
+std::vector<std::string> warnings_before(const Session& session) {
+  std::vector<std::string> warnings;
+  const Experiment& e = session.experiment;
+  for (const MaterialSettings& material : e.materials) {
+    const auto nu = material.constants.find("nu");
+    const bool locks = e.mesh.formulation == Formulation::standard && !(e.geometry.dimension == 2 && e.geometry.plane == Plane::stress);
+    if (nu != material.constants.end() && nu->second > 0.45 && locks) {
+      warnings.push_back(fmt::format("{}: nu = {} with {} elements locks: the model is too stiff and a fitted modulus too small; set formulation = \"locking_free\" with quadratic elements",
+                                     material.region, nu->second, e.mesh.order == 1 ? "linear" : "plain quadratic"));
+    }
+  }
+  if (e.mesh.order == 1) warnings.emplace_back("linear elements bend too stiffly: a fitted modulus is too small by some per cent; compare with element = \"quadratic\"");
+  return warnings;
+}
+
+std::vector<std::string> warnings_after(const StaticProtocol& protocol) {
+  std::vector<std::string> warnings;
+  for (const StaticProtocol::Condition& condition : protocol.conditions()) {
+    if (condition.report.status != SolveStatus::converged) continue;
+    std::string where;
+    for (double value : condition.controls) where += fmt::format("{}{:.6g}", where.empty() ? "" : ", ", value);
+    if (condition.report.left_saddle) warnings.push_back(fmt::format("at controls ({}) the straight path became unstable (buckling); the equilibrium on the side of lower energy was taken", where));
+    if (condition.smallest_jacobian <= 0) {
+      warnings.push_back(fmt::format("at controls ({}) an element has folded between its quadrature points (smallest J = {:.2g}): do not trust the state near it; refine there or lower the load", where, condition.smallest_jacobian));
+    }
+  }
+  return warnings;
+}
+
+std::string describe_controls(const Session& session, const std::vector<double>& controls) {
+  if (controls.empty()) return "no load";
+  std::string text;
+  for (size_t k = 0; k < controls.size(); ++k) {
+    text += fmt::format("{}{} = {}", k == 0 ? "" : ", ", session.trials.control_ids[k], control_text(session, k, controls[k]));
+  }
+  return text;
+}
+
+int load_control(const Session& session) {
+  int best = -1;
+  size_t most = 0;
+  for (size_t k = 0; k < session.trials.control_ids.size(); ++k) {
+    if (session.trials.control_quantities[k] == Quantity::length) continue;
+    std::set<double> values;
+    for (const Reading& reading : session.trials.readings) values.insert(reading.controls[k]);
+    if (values.size() > most) {
+      most = values.size();
+      best = static_cast<int>(k);
+    }
+  }
+  return best;
+}
+
+std::string series_of(const Session& session, const std::vector<double>& controls) {
+  std::string text;
+  for (size_t k = 0; k < controls.size(); ++k) {
+    if (static_cast<int>(k) == load_control(session)) continue;
+    std::set<double> values;
+    for (const Reading& reading : session.trials.readings) values.insert(reading.controls[k]);
+    if (values.size() > 1) text += fmt::format("{}{} {}", text.empty() ? "" : ", ", session.trials.control_ids[k], control_text(session, k, controls[k]));
+  }
+  return text;
+}
+
+RunRecord start_record(const Session& session, const CommandOptions& options) {
+  RunRecord record;
+  record.title = session.experiment.title;
+  record.simulated = session.experiment.simulated;
+  record.setup = describe_setup(session);
+  record.control_ids = session.trials.control_ids;
+  const StaticProtocol& protocol = *session.bench.protocol;
+  record.parameter_ids = protocol.parameters().ids();
+  for (int control : protocol.controls()) record.control_units.push_back(protocol.parameters()[control].unit);
+  record.load_control = load_control(session);
+  record.load_label = record.load_control < 0 ? "load" : session.trials.control_ids[static_cast<size_t>(record.load_control)];
+  for (const Reading& reading : session.trials.readings) {
+    ReadingRecord line;
+    line.line = reading.line;
+    line.trial = reading.trial;
+    line.channel = session.trials.channel_ids[static_cast<size_t>(reading.channel)];
+    line.controls = reading.controls;
+    line.measured = reading.value;
+    line.sigma = reading.sigma;
+    line.predicted = line.prediction_se = std::nan("");
+    record.readings.push_back(line);
+    const size_t k = static_cast<size_t>(std::max(0, record.load_control));
+    record.load_newtons.push_back(record.load_control < 0 ? 0.0 : load_in_newtons(session.experiment, session.trials.control_quantities[k], reading.controls[k]));
+    record.series.push_back(series_of(session, reading.controls));
+  }
+  record.remarks = warnings_before(session);
+  for (const ReferenceValue& reference : session.experiment.references) {
+    const int index = protocol.parameters().index(reference.parameter);
+    const double value = parse_quantity(reference.value.text, quantity_of_si_unit(protocol.parameters()[index].unit), reference.value.where);
+    record.references.push_back({reference.parameter, value, reference.source});
+  }
+  record.provenance.version = version();
+  record.provenance.commit = commit();
+  record.provenance.libraries = library_versions();
+  record.provenance.command_line = options.command_line;
+  record.provenance.started = utc_now();
+  record.provenance.machine = machine_description();
+  return record;
+}
+
+std::vector<CurveRecord> make_curves(const Session& session, const Params& p, const std::vector<FreeParameter>& free, const Eigen::MatrixXd& covariance) {
+  const int load = load_control(session);
+  if (load < 0) return {};
+  const size_t k = static_cast<size_t>(load);
+  constexpr int points = 9;
+  Trials grid = session.trials;
+  grid.readings.clear();
+  std::map<std::string, std::vector<double>> held;  // series label to controls
+  double lowest = 0, highest = 0;
+  for (const Reading& reading : session.trials.readings) {
+    held.try_emplace(series_of(session, reading.controls), reading.controls);
+    lowest = std::min(lowest, reading.controls[k]);
+    highest = std::max(highest, reading.controls[k]);
+  }
+  std::vector<CurveRecord> curves;
+  for (auto& [series, controls] : held) {
+    for (size_t channel = 0; channel < grid.channel_ids.size(); ++channel) {
+      CurveRecord& curve = curves.emplace_back();
+      curve.channel = grid.channel_ids[channel];
+      curve.series = series;
+      for (int i = 0; i < points; ++i) {
+        Reading reading;
+        reading.controls = controls;
+        reading.controls[k] = lowest + (highest - lowest) * i / (points - 1);
+        reading.channel = static_cast<int>(channel);
+        reading.sigma = 1;
+        curve.load.push_back(load_in_newtons(session.experiment, grid.control_quantities[k], reading.controls[k]));
+        grid.readings.push_back(reading);
+      }
+    }
+  }
+  const StaticBench bench = make_static_bench(session.experiment, session.experiment.mesh, grid);
+  std::vector<int> indices;
+  for (const FreeParameter& parameter : free) indices.push_back(parameter.index);
+  const Prediction prediction = bench.protocol->predict(p, indices);
+  const Eigen::VectorXd se = standard_errors(prediction, bench.protocol->parameters(), p, free, covariance);
+  size_t reading = 0;
+  for (CurveRecord& curve : curves) {
+    for (int i = 0; i < points; ++i, ++reading) {
+      curve.value.push_back(prediction.values[bench.row_of_reading[reading]]);
+      curve.se.push_back(se[bench.row_of_reading[reading]]);
+    }
+  }
+  return curves;
+}
+
+std::vector<ShapeRecord> make_shapes(const Session& session, const std::string& folder, std::string axes[2]) {
+  const Mesh& mesh = session.bench.protocol->scene().model->mesh();
+  const Experiment& e = session.experiment;
+  const int d = mesh.dimension();
+  // The drawing plane: vertical is where gravity or the first load points, horizontal is the longest of the other directions.
+  const std::vector<double> down = !e.gravity_direction.empty() ? e.gravity_direction : !e.loads.empty() ? e.loads.front().direction : std::vector<double>(static_cast<size_t>(d), 0.0);
+  Eigen::VectorXd lower = Eigen::VectorXd::Constant(d, 1e300), upper = -lower;
+  for (int i = 0; i < mesh.node_count(); ++i) {
+    lower = lower.cwiseMin(mesh.node(i));
+    upper = upper.cwiseMax(mesh.node(i));
+  }
+  int vertical = d - 1;
+  for (int i = 0; i < d; ++i) {
+    if (std::abs(down[static_cast<size_t>(i)]) > std::abs(down[static_cast<size_t>(vertical)])) vertical = i;
+  }
+  int horizontal = -1;
+  for (int i = 0; i < d; ++i) {
+    if (i != vertical && (horizontal < 0 || upper[i] - lower[i] > upper[horizontal] - lower[horizontal])) horizontal = i;
+  }
+  if (d == 2) {
+    horizontal = 0;
+    vertical = 1;
+  }
+  axes[0] = "xyz"[horizontal];
+  axes[1] = "xyz"[vertical];
+
+  // Lines: in 2D the boundary, in 3D the mesh on the faces that look at the viewer.
+  const Tag facets = boundary(mesh);
+  std::set<std::array<int, 2>> lines;
+  for (int f = 0; f < facets.count(); ++f) {
+    const int* node = facets.entities.data() + static_cast<size_t>(f) * facets.nodes_per_entity;
+    const int corners = d;
+    if (d == 3) {
+      const Eigen::Vector3d a = mesh.node(node[1]) - mesh.node(node[0]), b = mesh.node(node[2]) - mesh.node(node[0]);
+      if (std::abs(a.cross(b).normalized()[3 - horizontal - vertical]) < 0.7 || a.cross(b)[3 - horizontal - vertical] > 0) continue;
+    }
+    for (int c = 0; c < (d == 2 ? 1 : corners); ++c) {
+      const int from = node[c], to = node[(c + 1) % corners], mid = facets.nodes_per_entity > corners ? node[corners + c] : -1;
+      auto add = [&](int one, int two) { lines.insert({std::min(one, two), std::max(one, two)}); };
+      if (mid < 0) add(from, to);
+      else add(from, mid), add(mid, to);
+    }
+  }
+
+  std::vector<ShapeRecord> shapes;
+  std::vector<std::pair<double, std::string>> files;
+  auto draw = [&](const std::string& label, const Eigen::VectorXd& u) {
+    ShapeRecord& shape = shapes.emplace_back();
+    shape.label = label;
+    for (const auto& [one, two] : lines) {
+      const Eigen::VectorXd a = mesh.node(one) + u.segment(one * d, d), b = mesh.node(two) + u.segment(two * d, d);
+      shape.segments.push_back({a[horizontal], a[vertical], b[horizontal], b[vertical]});
+    }
+  };
+  draw("rest", Eigen::VectorXd::Zero(mesh.X.size()));
+  for (const StaticProtocol::Condition& condition : session.bench.protocol->conditions()) {
+    if (!condition.solved) continue;
+    draw(describe_controls(session, condition.controls), condition.u);
+    const std::string file = fmt::format("state_{:03}.vtu", files.size());
+    write_file((fs::path(folder) / "states" / file).string(), vtu_text(mesh, condition.u));
+    files.emplace_back(static_cast<double>(files.size()), file);
+  }
+  write_file((fs::path(folder) / "states" / "states.pvd").string(), pvd_text(files));
+  return shapes;
+}
+
+void copy_inputs(const Session& session, const std::string& folder, RunRecord& record) {
+  auto copy = [&](const std::string& from, const char* to) {
+    write_file((fs::path(folder) / to).string(), read_file(from));
+    record.provenance.inputs.emplace_back(from, sha256_of(from));
+  };
+  copy(session.experiment.path, experiment_copy);
+  copy(session.experiment.bench.path, data_copy);
+  if (!session.experiment.geometry.file.empty()) copy(session.experiment.geometry.file, mesh_copy);
+  record.experiment_file = experiment_copy;
+  record.data_file = data_copy;
+}
+
+Experiment experiment_of_run(const RunRecord& record, const std::string& folder) {
+  Experiment experiment = read_experiment((fs::path(folder) / record.experiment_file).string());
+  experiment.bench.path = (fs::path(folder) / record.data_file).string();
+  if (!experiment.geometry.file.empty()) experiment.geometry.file = (fs::path(folder) / mesh_copy).string();
+  return experiment;
+}
+
+}  // namespace taut

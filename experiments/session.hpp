@@ -1,0 +1,65 @@
+#pragma once
+#include <string>
+#include <vector>
+
+#include "calib/bench.hpp"
+#include "experiments/commands.hpp"
+#include "reports/run_record.hpp"
+
+namespace taut {
+
+/// What a command works on: the experiment, its readings, its model.
+struct Session {
+  Experiment experiment;
+  Trials trials;
+  StaticBench bench;
+};
+Session open_session(const CommandOptions& options);
+
+/// Progress on stderr: one animated line on a terminal, plain lines otherwise, nothing when quiet.
+class Progress {
+ public:
+  explicit Progress(bool quiet);
+  ~Progress();
+  void say(const std::string& line);   ///< a step that stays
+  void show(const std::string& line);  ///< a state that is replaced by the next; skipped when not on a terminal
+ private:
+  void clear();
+  bool quiet_, terminal_, shown_ = false;
+};
+
+/// runs/<folder of the experiment file>, or what --out says.
+std::string run_folder(const CommandOptions& options);
+
+/// Mesh, unknowns, materials, supports, loads, channels as label and text, for `check` and the report.
+std::vector<std::pair<std::string, std::string>> describe_setup(const Session& session);
+
+/// What a reader must know before trusting a prediction: locking elements, failed or folded states.
+std::vector<std::string> warnings_before(const Session& session);
+std::vector<std::string> warnings_after(const StaticProtocol& protocol);
+
+/// "0.51012 N" or "retraction = 5.89 mm, mass = 50 g".
+std::string describe_controls(const Session& session, const std::vector<double>& controls);
+
+/// Index of the control over which figures are drawn: the load with most different values; -1 without loads.
+int load_control(const Session& session);
+/// What is held besides the load, as a label; "" when nothing else varies.
+std::string series_of(const Session& session, const std::vector<double>& controls);
+
+/// The parts of a run record that do not come from a fit: title, set-up, readings (predictions NaN), references.
+RunRecord start_record(const Session& session, const CommandOptions& options);
+
+/// Curves of all channels and series over the load, from zero to its largest value, with the fit's covariance.
+/// `free` and `covariance` may be empty (no band).
+std::vector<CurveRecord> make_curves(const Session& session, const Params& p, const std::vector<FreeParameter>& free, const Eigen::MatrixXd& covariance);
+
+/// Side views of all solved conditions, and writes their states as VTU and PVD into `folder`/states.
+std::vector<ShapeRecord> make_shapes(const Session& session, const std::string& folder, std::string axes[2]);
+
+/// Copies experiment file, data (and mesh file) into the run folder, so that a run explains itself.
+void copy_inputs(const Session& session, const std::string& folder, RunRecord& record);
+
+/// The experiment of a run folder, reading the copies made by copy_inputs().
+Experiment experiment_of_run(const RunRecord& record, const std::string& folder);
+
+}  // namespace taut

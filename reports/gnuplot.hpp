@@ -1,0 +1,87 @@
+#pragma once
+#include <string>
+#include <string_view>
+#include <vector>
+
+/// What the figures need of gnuplot: a page with panels and a legend, laid out in pixels, so that nothing overlaps in any
+/// format. Used inside reports/ only.
+namespace taut::plot {
+
+inline constexpr const char* kBlack = "#222222";
+inline constexpr const char* kGrey = "#6b6b6b";
+
+/// Colours that the colour-blind tell apart (Okabe and Ito), repeated from the eighth on.
+std::string colour(size_t i);
+/// Light green to dark violet in `count` steps (viridis), for quantities that have an order.
+std::string ordered_colour(size_t i, size_t count);
+/// gnuplot's number of the i-th symbol; open ones first, since they show what they cover.
+int symbol(size_t i);
+
+/// A single-quoted gnuplot string.
+std::string quoted(std::string_view text);
+/// At most `length` characters, the last one an ellipsis when something was cut off.
+std::string shortened(const std::string& text, size_t length);
+/// Characters, not bytes.
+size_t length_of(std::string_view utf8);
+
+struct Axis {
+  std::string label;
+  double low = 0, high = 1;
+  double step = 0.2;  ///< between tics; not used on a logarithmic axis
+  bool logarithmic = false;
+};
+
+/// The axis that shows all finite `values` with a little room and about `tics` round tics; from zero on request.
+Axis axis_over(std::vector<double> values, std::string label, int tics, bool with_zero);
+Axis logarithmic_axis_over(const std::vector<double>& values, std::string label);
+
+/// A rectangle on the page in pixels, from its lower left corner.
+struct Box {
+  double left, bottom, right, top;
+};
+
+/// A line of the legend with the mark it explains.
+struct LegendEntry {
+  enum Kind { heading, text, line, dashes, band, point, bar_along_x, bar_along_y } kind;
+  std::string label;
+  std::string colour = kGrey;
+  int symbol = 6;
+};
+
+/// Pixels that a legend needs across, at most `limit`.
+double legend_width(const std::vector<LegendEntry>& entries, double limit = 300);
+
+class Page {
+ public:
+  /// `simulated` is said beside the title.
+  Page(double width, double height, const std::string& title, const std::string& subtitle, bool simulated);
+
+  /// Adds rows of numbers and returns the name under which plots refer to them.
+  std::string data(const std::vector<std::vector<double>>& rows);
+
+  /// Where things are, below the title; a legend of `legend_pixels` fits right of it.
+  double width() const { return width_; }
+  double height() const { return height_; }
+
+  void legend(double left, double top, const std::vector<LegendEntry>& entries);
+
+  /// Axes in `box` with `plots` ("$d1 using 1:2 with lines", drawn in this order); `extra` gnuplot lines come before
+  /// and hold for this panel only if they set arrows, labels, objects or tics.
+  void panel(const Box& box, const Axis& x, const Axis& y, const std::string& title, std::vector<std::string> plots,
+             const std::string& extra = "");
+
+  /// The script that draws <name>.svg, .pdf and .png into the current folder.
+  std::string script(const std::string& name) const;
+
+ private:
+  std::string screen(double x, double y) const;
+
+  double width_, height_;
+  std::string blocks_, marks_, panels_;
+  int block_count_ = 0;
+};
+
+/// Runs <name>.gp in `folder`. Throws InputError with the remedy when gnuplot is missing or fails.
+void run_gnuplot(const std::string& folder, const std::string& name);
+
+}  // namespace taut::plot
