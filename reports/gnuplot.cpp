@@ -14,14 +14,14 @@
 namespace taut::plot {
 namespace {
 
-constexpr double kCharacter = 6.9;  // average width of a character at the base size [px]
+constexpr double kCharacter = 7.3;  // average width of a character at the base size [px]
 constexpr double kRow = 19;         // height of a line of the legend [px]
 constexpr double kSample = 34;      // width of the mark before a line of the legend [px]
 
-/// The round number (1, 2, 2.5 or 5 times a power of ten) nearest above `step`.
+/// The round number (1, 2 or 5 times a power of ten) nearest above `step`.
 double round_step(double step) {
   const double power = std::pow(10.0, std::floor(std::log10(step)));
-  for (const double factor : {1.0, 2.0, 2.5, 5.0}) {
+  for (const double factor : {1.0, 2.0, 5.0}) {
     if (factor * power >= step * (1 - 1e-9)) return factor * power;
   }
   return 10 * power;
@@ -83,7 +83,7 @@ int symbol(size_t i) {
   return symbols[i % symbols.size()];
 }
 
-std::string quoted(std::string_view text) {
+std::string literal(std::string_view text) {
   std::string out = "'";
   for (const char c : text) {
     if (c == '\'') {
@@ -151,10 +151,10 @@ double legend_width(const std::vector<LegendEntry>& entries, double limit) {
 
 Page::Page(double width, double height, const std::string& title, const std::string& subtitle, bool simulated)
     : width_(width), height_(height) {
-  marks_ += fmt::format("set label {} at screen {} font ',16' tc rgb '{}'\n", quoted(title),
+  marks_ += fmt::format("set label {} at screen {} font ',16' tc rgb '{}'\n", literal(title),
                         screen(16, height - 22), kBlack);
   marks_ += fmt::format("set label {} at screen {} font ',12' tc rgb '{}'\n",
-                        quoted(shortened(subtitle, static_cast<size_t>((width - 30) / kCharacter))),
+                        literal(shortened(subtitle, static_cast<size_t>((width - 30) / kCharacter))),
                         screen(16, height - 44), kGrey);
   if (simulated) {
     marks_ += fmt::format("set label 'SIMULATED DATA' at screen {} right font ',16' tc rgb '#d55e00'\n",
@@ -219,7 +219,7 @@ void Page::legend(double left, double top, const std::vector<LegendEntry>& entri
         break;
     }
     marks_ += fmt::format("set label {} at screen {} font ',12' tc rgb '{}'\n",
-                          quoted(shortened(entry.label, longest + (marked ? 0 : 4))),
+                          literal(shortened(entry.label, longest + (marked ? 0 : 4))),
                           screen(marked ? left + kSample : left, y),
                           entry.kind == LegendEntry::heading ? kBlack : kGrey);
     y -= kRow;
@@ -234,8 +234,8 @@ void Page::panel(const Box& box, const Axis& x, const Axis& y, const std::string
   panels_ += fmt::format("set bmargin at screen {:.5f}\nset tmargin at screen {:.5f}\n", box.bottom / height_,
                          box.top / height_);
   panels_ += tics('x', x) + tics('y', y);
-  panels_ += fmt::format("set xlabel {}\nset ylabel {}\n", quoted(x.label), quoted(y.label));
-  panels_ += fmt::format("set label {} at screen {} font ',13' tc rgb '{}'\n", quoted(title),
+  panels_ += fmt::format("set xlabel {}\nset ylabel {}\n", literal(x.label), literal(y.label));
+  panels_ += fmt::format("set label {} at screen {} font ',13' tc rgb '{}'\n", literal(title),
                          screen(box.left, box.top + 12), kBlack);
   panels_ += extra + "plot ";
   for (size_t i = 0; i < plots.size(); ++i) {
@@ -253,15 +253,15 @@ std::string Page::script(const std::string& name) const {
   text += "do for [format in 'svg pdf png'] {\nreset\n";
   text += fmt::format(
       "if (format eq 'svg') {{ set terminal svg size {0},{1} font 'sans-serif,13' noenhanced background 'white' }}\n"
-      "if (format eq 'pdf') {{ set terminal pdfcairo size {2}in,{3}in font 'Sans,13' fontscale 0.72 noenhanced "
+      "if (format eq 'pdf') {{ set terminal pdfcairo size {2}in,{3}in font 'Sans,13' fontscale 0.56 noenhanced "
       "background 'white' }}\n"
-      "if (format eq 'png') {{ set terminal pngcairo size {4},{5} font 'Sans,13' fontscale 1.5 linewidth 1.5 "
+      "if (format eq 'png') {{ set terminal pngcairo size {4},{5} font 'Sans,13' fontscale 1.13 linewidth 1.5 "
       "pointscale 1.5 noenhanced background 'white' }}\n",
       width_, height_, width_ / 96, height_ / 96, std::lround(1.5 * width_), std::lround(1.5 * height_));
   text += fmt::format("set output '{}.'.format\n", name);
   text +=
-      "set border 3 lc rgb '#6b6b6b'\nset tics nomirror out scale 0.6\nset grid lc rgb '#e4e4e4' lw 1 dt 1\n"
-      "set style fill transparent solid 0.22 noborder\nset format '%g'\nset errorbars small\nunset key\n"
+      "set border 3 lc rgb '#6b6b6b'\nset tics nomirror out scale 0.6\nset grid lc rgb '#dddddd' lw 1 dt solid\n"
+      "set style fill transparent solid 0.22 noborder\nset format '%g'\nset errorbars 0.7\nset pointintervalbox 0\nunset key\n"
       "set xlabel offset 0,0.2\nset multiplot\n";
   text += marks_ + panels_;
   return text + "unset multiplot\nset output\n}\n";
@@ -269,7 +269,7 @@ std::string Page::script(const std::string& name) const {
 
 void run_gnuplot(const std::string& folder, const std::string& name) {
   const std::string script = (std::filesystem::path(folder) / (name + ".gp")).string();
-  const std::string command = fmt::format("cd {} && gnuplot {} 2>&1", shell_quoted(folder), shell_quoted(name + ".gp"));
+  const std::string command = fmt::format("CDPATH= cd -- {} && gnuplot -d {} 2>&1", shell_quoted(folder), shell_quoted(name + ".gp"));
   FILE* pipe = popen(command.c_str(), "r");
   if (pipe == nullptr) throw InputError(fmt::format("{}: gnuplot could not be started; free some memory", script));
   std::string output;

@@ -18,7 +18,7 @@ std::string ordered_colour(size_t i, size_t count);
 int symbol(size_t i);
 
 /// A single-quoted gnuplot string.
-std::string quoted(std::string_view text);
+std::string literal(std::string_view text);
 /// At most `length` characters, the last one an ellipsis when something was cut off.
 std::string shortened(const std::string& text, size_t length);
 /// Characters, not bytes.

@@ -26,6 +26,8 @@ void SceneBuilder::add_solid(const std::string& region, const std::string& law, 
                              Formulation formulation) {
   SolidDefinition definition;
   definition.region = mesh_.region_index(region);
+  const size_t index = static_cast<size_t>(definition.region);
+  if (has_material_[index]) throw InputError(fmt::format("region '{}' has two materials; give it one", region));
   definition.law = law;
   definition.plane = plane_;
   definition.formulation = formulation;
@@ -46,8 +48,6 @@ void SceneBuilder::add_solid(const std::string& region, const std::string& law, 
     spec.meaning += " of " + region;
     definition.parameters.push_back(declare(std::move(spec), found->second));
   }
-  const size_t index = static_cast<size_t>(definition.region);
-  if (has_material_[index]) throw InputError(fmt::format("region '{}' has two materials; give it one", region));
   has_material_[index] = true;
   terms_.push_back(make_solid(mesh_, definition));
 }

@@ -94,7 +94,8 @@ std::vector<double> graded_both(double length, int cells, double ratio) {
   return x;
 }
 
-Mesh rectangle(const std::vector<double>& x, const std::vector<double>& y, int order, const std::string& region) {
+Mesh rectangle(const std::vector<double>& x, const std::vector<double>& y, int order, const std::string& region,
+               Diagonals diagonals) {
   check_coordinates('x', x);
   check_coordinates('y', y);
   check_order(order, region);
@@ -112,7 +113,7 @@ Mesh rectangle(const std::vector<double>& x, const std::vector<double>& y, int o
       const int b = a + 1;
       const int c = b + nx;
       const int d = a + nx;
-      if ((i + j) % 2 == 0) {
+      if (diagonals == Diagonals::rising || (diagonals == Diagonals::alternating && (i + j) % 2 == 0)) {
         mesh.elements.insert(mesh.elements.end(), {a, b, c, a, c, d});
       } else {
         mesh.elements.insert(mesh.elements.end(), {a, b, d, b, c, d});

@@ -14,9 +14,13 @@ std::vector<double> graded(double length, int cells, double ratio = 1.0);
 /// Like graded(), refined towards both ends: the middle cell is `ratio` times the first and the last one.
 std::vector<double> graded_both(double length, int cells, double ratio);
 
-/// Rectangle meshed as a grid at the given coordinates, two triangles per cell with alternating diagonals.
-/// Tags: xmin, xmax, ymin, ymax. One region.
-Mesh rectangle(const std::vector<double>& x, const std::vector<double>& y, int order, const std::string& region);
+/// Which way the cells of a rectangle are cut in two. Alternating diagonals favour no direction; all rising (lower left to
+/// upper right) or all falling ones are what many mesh generators make, and linear elements suffer for it.
+enum class Diagonals { alternating, rising, falling };
+
+/// Rectangle meshed as a grid at the given coordinates, two triangles per cell. Tags: xmin, xmax, ymin, ymax. One region.
+Mesh rectangle(const std::vector<double>& x, const std::vector<double>& y, int order, const std::string& region,
+               Diagonals diagonals = Diagonals::alternating);
 
 /// Box meshed as a grid at the given coordinates, six tetrahedra per cell (Kuhn's subdivision, so faces match),
 /// mirrored from cell to cell so that no diagonal direction is favoured. Tags: xmin, xmax, ymin, ymax, zmin, zmax.

@@ -67,6 +67,14 @@ bool Equilibrium::factorise(bool& exact, const Eigen::VectorXd& u, const Params&
   if (cholesky_.factorise(values_)) return true;
   exact = false;
   ++report_.projections;
+  if (buckling_) {
+    // The softening is slight and of the body as a whole. Element by element projection would remove far more than that
+    // and creep along; a shift just beyond it keeps the rest of the curvature.
+    const double scale = mean_diagonal();
+    for (double shift = 1e-12 * scale; shift <= 1e-4 * scale; shift *= 10) {
+      if (cholesky_.factorise(values_, shift)) return true;
+    }
+  }
   if (!options_.always_project) {
     out.curvature = Curvature::projected;
     model_->evaluate({u, p}, out);
@@ -105,7 +113,8 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
   const double tolerance = options_.step_tolerance * model_->length_scale();
   Eigen::VectorXd gradient, trial;
   bool on_trust = false;  // the last step raised the energy and is still to be made up for
-  for (int iteration = 0; iteration < options_.max_iterations; ++iteration) {
+  const int limit = (buckling_ ? 4 : 1) * options_.max_iterations;  // the way into a post-buckled shape is long
+  for (int iteration = 0; iteration < limit; ++iteration) {
     if (stopped()) return {SolveStatus::interrupted, false};
     bool exact = true;
     if (!factorise(exact, u, p, gradient)) return {SolveStatus::stalled, false};
@@ -196,7 +205,7 @@ bool Equilibrium::leave_saddle(Eigen::VectorXd& u, const Params& p) {
 
 /// Minimises from u and makes sure that the result is a minimum whose exact Hessian is factorised.
 SolveStatus Equilibrium::settle(Eigen::VectorXd& u, const Params& p) {
-  has_factor_ = false;
+  has_factor_ = buckling_ = false;
   for (int attempt = 0; attempt < 4; ++attempt) {
     const NewtonResult result = minimise(u, p);
     if (result.status != SolveStatus::converged) return result.status;
@@ -210,7 +219,7 @@ SolveStatus Equilibrium::settle(Eigen::VectorXd& u, const Params& p) {
     has_factor_ = cholesky_.factorise(values_);
     if (has_factor_) return SolveStatus::converged;
     if (!leave_saddle(u, p)) break;
-    report_.left_saddle = true;
+    report_.left_saddle = buckling_ = true;
   }
   return SolveStatus::not_a_minimum;
 }
@@ -286,6 +295,11 @@ const SolveReport& Equilibrium::solve(const Params& p) {
     }
     has_factor_ = false;  // it belongs to a state that was given up
     if (report_.status == SolveStatus::interrupted) break;
+    if (report_.status == SolveStatus::infeasible_start) {
+      Assembly out;
+      model_->evaluate({u_, p_}, out);
+      if (!std::isfinite(out.energy)) break;  // shorter steps start from the same state
+    }
     step *= 0.5;
     if (step < smallest_step) {
       if (report_.status != SolveStatus::not_a_minimum) report_.status = SolveStatus::load_step_limit;

@@ -23,7 +23,7 @@ std::string_view name_of(SolveStatus status);
 
 /// How an equilibrium is searched. The defaults serve statics with stiffness ratios up to 1e6.
 struct EquilibriumOptions {
-  int max_iterations = 40;       ///< Newton iterations per load step before the step is halved
+  int max_iterations = 40;       ///< Newton iterations per load step before the step is halved; four times as many after buckling
   double step_tolerance = 1e-9;  ///< largest component of the last Newton step, relative to the bounding-box diagonal
   int max_halvings = 10;         ///< smallest load step is 2^-max_halvings of the whole
   bool always_project = false;   ///< for comparison only: project the Hessian in every iteration
@@ -95,6 +95,7 @@ class Equilibrium {
   Eigen::VectorXd u_;
   Params p_;
   bool has_factor_ = false;
+  bool buckling_ = false;  ///< a saddle was left on the way to the equilibrium that is searched now
   SolveReport report_;
 };
 

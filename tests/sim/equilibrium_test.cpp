@@ -45,7 +45,7 @@ TEST(Equilibrium, ErrorsAreSquaredFromStepToStep) {
   for (auto next = std::next(errors.begin()); next != errors.end(); ++next) {
     const auto& [iterations, error] = *std::prev(next);
     if (next->first != iterations + 1 || error > 1e-2 || error < 1e-7) continue;
-    EXPECT_LE(next->second, 20 * error * error) << "after " << next->first << " iterations";
+    EXPECT_LE(next->second, 50 * error * error) << "after " << next->first << " iterations";
     ++squared;
   }
   EXPECT_GE(squared, 2) << "too few iterations to tell";
@@ -144,7 +144,7 @@ Stretched stretched_square(int order, double nu, Formulation formulation) {
   builder.add_solid("body", "neo_hookean", {{"E", 1.0}, {"nu", nu}}, formulation);
   const int control = builder.declare({"travel", "u", "m", -1, 1, "travel of the plate", false}, 0.0);
   builder.fix("xmin", {0});
-  builder.fix("xmin & ymin", {1});
+  builder.fix("ymin", {1});  // a plane of symmetry: without it the square slips sideways before half its length is left
   builder.prescribe("xmax", 0, control);
   return {builder.build(), control};
 }
@@ -187,7 +187,8 @@ TEST(Equilibrium, AStraightColumnAboveItsEulerLoadBucklesOntoTheElastica) {
   const Eigen::VectorXd across = mean_weights(mesh, mesh.select("xmax"), vec({0, 1}));
   struct {
     double load, x, y;
-  } const table[] = {{1.0637, .8812, .4222}, {1.2939, .5594, .7195}, {1.8848, .1232, .8032}};
+  } const table[] = {{1.0154, .9697, .2194}, {1.0637, .8812, .4222}, {1.1517, .7410, .5932},
+                     {1.2939, .5594, .7195}, {1.5184, .3490, .7915}, {1.8848, .1232, .8032}};
   for (const auto& [load, x, y] : table) {
     Equilibrium equilibrium(*problem.scene.model);
     equilibrium.start_at_rest(problem.scene.values);
@@ -195,8 +196,9 @@ TEST(Equilibrium, AStraightColumnAboveItsEulerLoadBucklesOntoTheElastica) {
     ASSERT_EQ(report.status, SolveStatus::converged) << report.message();
     EXPECT_TRUE(report.left_saddle);
     EXPECT_TRUE(equilibrium.has_factor());
-    EXPECT_NEAR(1 - problem.tip.dot(equilibrium.u()) / L, x, 2e-3) << "P / P_cr = " << load;
-    EXPECT_NEAR(std::abs(across.dot(equilibrium.u())) / L, y, 2e-3) << "P / P_cr = " << load;
+    EXPECT_EQ(report.load_steps, 1) << report.message();
+    EXPECT_NEAR(1 - problem.tip.dot(equilibrium.u()) / L, x, 3e-4) << "P / P_cr = " << load;
+    EXPECT_NEAR(std::abs(across.dot(equilibrium.u())) / L, y, 3e-4) << "P / P_cr = " << load;
   }
   // Below the Euler load it stays straight.
   const Equilibrium straight = solved(problem, 0.95 * euler);
@@ -326,15 +328,19 @@ TEST(SceneBuilder, OverlappingSupportsAreRefusedUnlessTheyAgree) {
 }
 
 TEST(SceneBuilder, UnknownNamesAreAnsweredWithTheNearest) {
-  SceneBuilder builder(rectangle({0, 1}, {0, 1}, 1, "block"));
-  expect_input_error([&] { builder.add_solid("blok", "neo_hookean", {{"E", 1e5}, {"nu", 0.3}}); }, {"'blok'", "did you mean 'block'?"});
-  expect_input_error([&] { builder.add_solid("block", "neohookean", {{"E", 1e5}, {"nu", 0.3}}); }, {"did you mean 'neo_hookean'?"});
-  expect_input_error([&] { builder.add_solid("block", "neo_hookean", {{"E", 1e5}, {"mu", 0.3}}); }, {"no constant 'mu'", "E, nu"});
-  expect_input_error([&] { builder.add_solid("block", "neo_hookean", {{"E", 1e5}}); }, {"nu", "Poisson's ratio", "missing"});
-  expect_input_error([&] { builder.add_solid("block", "neo_hookean", {{"E", 1e5}, {"nu", 0.5}}); }, {"nu_block = 0.5", "range", "of block"});
+  using Constants = std::map<std::string, double>;
+  const auto solid = [](const char* region, const char* law, const Constants& constants) {
+    return [=] { SceneBuilder(rectangle({0, 1}, {0, 1}, 1, "block")).add_solid(region, law, constants); };
+  };
+  expect_input_error(solid("blok", "neo_hookean", {{"E", 1e5}, {"nu", 0.3}}), {"'blok'", "did you mean 'block'?"});
+  expect_input_error(solid("block", "neohookean", {{"E", 1e5}, {"nu", 0.3}}), {"did you mean 'neo_hookean'?"});
+  expect_input_error(solid("block", "neo_hookean", {{"E", 1e5}, {"mu", 0.3}}), {"no constant 'mu'", "E, nu"});
+  expect_input_error(solid("block", "neo_hookean", {{"E", 1e5}}), {"nu", "Poisson's ratio", "missing"});
+  expect_input_error(solid("block", "neo_hookean", {{"E", 1e5}, {"nu", 0.5}}), {"nu_block = 0.5", "range", "of block"});
+  SceneBuilder builder = block(2);
   expect_input_error([&] { builder.fix("xmni", {0}); }, {"'xmni'", "did you mean"});
   expect_input_error([&] { builder.fix("xmin", {2}); }, {"'xmin'", "2D", "no component z", "x, y"});
-  expect_input_error([&] { builder.parameters().index("E_blok"); }, {"unknown parameter 'E_blok'", "thickness"});
+  expect_input_error([&] { builder.parameters().index("E_blok"); }, {"'E_blok'", "did you mean 'E_block'?", "thickness"});
 }
 
 TEST(SceneBuilder, ARegionWithoutOrWithTwoMaterialsIsRefused) {

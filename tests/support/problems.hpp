@@ -55,8 +55,9 @@ inline Problem problem_a3(int per_layer, int order, double grading = 1) {
 }
 
 /// A4: Cook's membrane, n x n cells.
-inline Problem problem_a4(int n, int order, double nu, Formulation formulation = Formulation::standard, double grading = 1) {
-  Mesh mesh = rectangle(graded(1, n, grading), graded_both(1, n, grading), order, "membrane");
+inline Problem problem_a4(int n, int order, double nu, Formulation formulation = Formulation::standard, double grading = 1,
+                          Diagonals diagonals = Diagonals::alternating) {
+  Mesh mesh = rectangle(graded(1, n, grading), graded_both(1, n, grading), order, "membrane", diagonals);
   map_vertices(mesh, [](const Eigen::VectorXd& s) -> Eigen::VectorXd {
     const double bottom = 0.044 * s[0], top = 0.044 + 0.016 * s[0];
     return Eigen::Vector2d(0.048 * s[0], bottom + (top - bottom) * s[1]);

@@ -92,7 +92,7 @@ inline void expect_derivatives(const TermUnderTest& t, double size) {
   for (int direction = 0; direction < 3; ++direction) {
     const Eigen::VectorXd v = random_vector(t.u.size(), random), Hv = t.model.hessian_times({t.u, t.p}, v);
     const double slope = gradient.dot(v), curvature = v.dot(Hv);
-    const double energy_noise = 1e-14 * (std::abs(energy) + size * std::abs(slope));
+    const double energy_noise = 1e-14 * (std::abs(energy) + gradient.cwiseAbs().dot(t.u.cwiseAbs() + size * v.cwiseAbs()));
     const double gradient_noise = 1e-13 * (gradient.norm() + size * Hv.norm());
     const auto change = [&](double h) { return energy_of(t.model, t.u + h * v, t.p) - energy; };
     expect_taylor_order([&](double h) { return std::abs(change(h) - h * slope); }, 2, energy_noise, size, 6,

@@ -1,0 +1,43 @@
+#pragma once
+#include <optional>
+#include <string>
+
+#include "reports/gnuplot.hpp"
+#include "reports/report.hpp"
+
+/// The figures, one function each: a new one is written beside them and named in draw_figures(). Each returns nothing
+/// when the record holds nothing to draw. Used inside reports/ only.
+namespace taut::plot {
+
+inline constexpr double kMillimetre = 1e-3;
+inline constexpr double kPageWidth = 960;  // px
+inline constexpr double kTitle = 64;       // px, for the two lines of the title
+
+/// A figure before it is drawn.
+struct Drawing {
+  Figure figure;
+  std::string csv;
+  Page page;
+};
+
+std::optional<Drawing> force_displacement(const RunRecord& record);
+std::optional<Drawing> effective_stiffness(const RunRecord& record);
+std::optional<Drawing> residuals(const RunRecord& record);
+std::optional<Drawing> deformed_shapes(const RunRecord& record);
+std::optional<Drawing> variants(const RunRecord& record);
+
+/// A CSV field; text is quoted when it must be, a number that is not finite is left empty.
+std::string field(const std::string& text);
+std::string field(double value);
+inline std::string field(int value) { return std::to_string(value); }
+
+/// Fields of any of these types as one line.
+template <class... Fields>
+std::string line(const Fields&... fields) {
+  std::string out;
+  ((out += field(fields) + ","), ...);
+  out.back() = '\n';
+  return out;
+}
+
+}  // namespace taut::plot

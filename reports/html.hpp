@@ -1,0 +1,21 @@
+#pragma once
+#include <string>
+#include <vector>
+
+/// Pieces of report.html. Used inside reports/ only.
+namespace taut::html {
+
+/// Text as HTML shows it: nothing in it is markup.
+std::string escaped(const std::string& text);
+
+/// A number of four significant digits, "not known" for NaN.
+std::string bare_number(double value);
+
+/// A table of texts, escaped here. A header that starts with '#' makes its column one of numbers, set to the right; a cell that
+/// starts with '`' is set as code; empty headers only give a table without a head.
+std::string table(const std::vector<std::string>& header, const std::vector<std::vector<std::string>>& rows);
+
+/// gnuplot's SVG as a part of a page: no prologue, ids made unique by `name`, a title for screen readers.
+std::string inlined(const std::string& svg, const std::string& name, const std::string& title);
+
+}  // namespace taut::html

@@ -1,0 +1,432 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+
+#include "reports/figures.hpp"
+
+namespace taut::plot {
+namespace {
+
+constexpr double k95 = 1.959963984540054;  // 97.5 % quantile of the normal distribution
+constexpr double kPanelHeight = 330;       // px, axis labels and panel title not counted
+
+/// Readings of one channel in one series, and the curve that the fit draws through them.
+struct Group {
+  std::string channel, series, colour;
+  size_t panel = 0;  ///< one per channel
+  double sign = 1;   ///< that makes the mean displacement positive
+  std::vector<size_t> readings;
+  const CurveRecord* curve = nullptr;
+};
+
+struct Groups {
+  std::vector<Group> all;
+  std::vector<std::string> channels, series, trials;  ///< in order of appearance
+};
+
+size_t place_in(std::vector<std::string>& list, const std::string& item) {
+  const auto found = std::ranges::find(list, item);
+  if (found != list.end()) return static_cast<size_t>(found - list.begin());
+  list.push_back(item);
+  return list.size() - 1;
+}
+
+std::string series_of(const RunRecord& record, size_t reading) {
+  return record.series.empty() ? "" : record.series.at(reading);
+}
+
+bool has_loads(const RunRecord& record) {
+  return !record.readings.empty() && record.load_newtons.size() == record.readings.size();
+}
+
+Groups groups_of(const RunRecord& record) {
+  Groups groups;
+  std::map<std::pair<size_t, size_t>, size_t> index;
+  std::map<size_t, double> sum;  // of the readings of a channel
+  for (size_t i = 0; i < record.readings.size(); ++i) {
+    const ReadingRecord& reading = record.readings[i];
+    const size_t channel = place_in(groups.channels, reading.channel);
+    const size_t series = place_in(groups.series, series_of(record, i));
+    place_in(groups.trials, reading.trial);
+    sum[channel] += reading.measured;
+    const auto [entry, added] = index.try_emplace({channel, series}, groups.all.size());
+    if (added) groups.all.push_back({reading.channel, groups.series[series], "", channel, 1, {}, nullptr});
+    groups.all[entry->second].readings.push_back(i);
+  }
+  for (Group& group : groups.all) {
+    std::vector<std::string>& coloured = groups.series.size() > 1 ? groups.series : groups.channels;
+    group.colour = colour(place_in(coloured, groups.series.size() > 1 ? group.series : group.channel));
+    group.sign = sum[group.panel] < 0 ? -1 : 1;
+    for (const CurveRecord& curve : record.curves) {
+      if (curve.channel == group.channel && curve.series == group.series) group.curve = &curve;
+    }
+  }
+  return groups;
+}
+
+/// Legend of the figures over the load: colours of the series, symbols of the trials, what is drawn.
+std::vector<LegendEntry> legend_of(const Groups& groups, const std::vector<LegendEntry>& marks) {
+  std::vector<LegendEntry> entries;
+  if (groups.series.size() > 1) {
+    entries.push_back({LegendEntry::heading, "Series"});
+    for (size_t i = 0; i < groups.series.size(); ++i) {
+      entries.push_back({LegendEntry::line, groups.series[i].empty() ? "(none)" : groups.series[i], colour(i)});
+    }
+  }
+  entries.push_back({LegendEntry::heading, "Readings"});
+  constexpr size_t most = 9;  // symbols repeat beyond
+  for (size_t i = 0; i < std::min(groups.trials.size(), most); ++i) {
+    const std::string& trial = groups.trials[i];
+    entries.push_back({LegendEntry::point, trial.empty() ? "reading" : "trial " + trial, kGrey, symbol(i)});
+  }
+  if (groups.trials.size() > most) {
+    entries.push_back({LegendEntry::text, fmt::format("… {} trials in all", groups.trials.size())});
+  }
+  entries.insert(entries.end(), marks.begin(), marks.end());
+  return entries;
+}
+
+/// Panels in up to three columns with the legend to their right.
+struct Grid {
+  double width = kPageWidth, height = 0;
+  std::vector<Box> boxes;
+  double legend_left = 0, legend_top = 0;
+};
+
+Grid grid_of(size_t count, size_t columns, double legend, double panel_height) {
+  constexpr double left = 72, gap = 50, below = 58, above = 30;
+  Grid grid;
+  const size_t rows = (count + columns - 1) / columns;
+  const double row = panel_height + below + above;
+  grid.height = kTitle + static_cast<double>(rows) * row;
+  grid.legend_left = grid.width - legend - 8;
+  grid.legend_top = grid.height - kTitle - above - 6;
+  const double gaps = gap * static_cast<double>(columns - 1);
+  const double across = (grid.legend_left - 24 - left - gaps) / static_cast<double>(columns);
+  for (size_t i = 0; i < count; ++i) {
+    const double x = left + static_cast<double>(i % columns) * (across + gap);
+    const double top = grid.height - kTitle - above - static_cast<double>(i / columns) * row;
+    grid.boxes.push_back({x, top - panel_height, x + across, top});
+  }
+  return grid;
+}
+
+/// Plots of the readings of a group, bars below symbols, one symbol per trial, so that none hides another. Rows: x, y,
+/// sigma; `bars` is xerrorbars or yerrorbars.
+void add_points(Page& page, const RunRecord& record, const Groups& groups, const Group& group,
+                const std::map<size_t, std::vector<double>>& rows, const std::string& bars,
+                std::vector<std::string>& plots) {
+  std::vector<std::string> symbols;
+  for (size_t t = 0; t < groups.trials.size(); ++t) {
+    std::vector<std::vector<double>> points;
+    for (const auto& [reading, row] : rows) {
+      if (record.readings[reading].trial == groups.trials[t]) points.push_back(row);
+    }
+    if (points.empty()) continue;
+    const std::string block = page.data(points);
+    plots.push_back(fmt::format("{} using 1:2:3 with {} pt 0 ps 0 lw 1.2 lc rgb '{}'", block, bars, group.colour));
+    symbols.push_back(
+        fmt::format("{} using 1:2 with points pt {} ps 1 lw 1.4 lc rgb '{}'", block, symbol(t), group.colour));
+  }
+  plots.insert(plots.end(), symbols.begin(), symbols.end());
+}
+
+/// A curve and its band, given as lower and upper points in the figure's own axes.
+struct Band {
+  std::vector<std::vector<double>> middle, lower, upper;
+};
+
+void add_band(Page& page, const Group& group, const Band& band, std::vector<std::string>& plots) {
+  if (band.middle.empty()) return;
+  std::vector<std::vector<double>> around = band.lower;
+  around.insert(around.end(), band.upper.rbegin(), band.upper.rend());
+  plots.push_back(
+      fmt::format("{} using 1:2 with filledcurves closed fc rgb '{}'", page.data(around), group.colour));
+  plots.push_back(fmt::format("{} using 1:2 with lines lw 2 lc rgb '{}'", page.data(band.middle), group.colour));
+}
+
+std::string panel_title(const std::string& channel) { return channel.empty() ? "" : "Channel " + channel; }
+
+std::string load_axis_label(const RunRecord& record) {
+  return (record.load_label.empty() ? "load" : record.load_label) + " [N]";
+}
+
+int tics_for(const Box& box) { return box.right - box.left > 400 ? 8 : 4; }
+
+/// What a group's stiffness is taken over: the displacement, or its increment beyond the unloaded reading.
+struct Unloaded {
+  bool available = false;
+  double measured = 0, sigma = 0;  ///< mean of the readings at zero load [m]
+  double predicted = 0, se = 0;    ///< the model's value there [m]
+};
+
+Unloaded unloaded_of(const RunRecord& record, const Group& group) {
+  Unloaded zero;
+  double variance = 0, n = 0;
+  for (const size_t i : group.readings) {
+    const ReadingRecord& r = record.readings[i];
+    if (record.load_newtons[i] != 0) continue;
+    n += 1;
+    zero.measured += r.measured;
+    variance += r.sigma * r.sigma;
+    zero.predicted += r.predicted;
+    zero.se = r.prediction_se;
+  }
+  if (n == 0) return {};
+  zero.available = true;
+  zero.measured /= n;
+  zero.predicted /= n;
+  zero.sigma = std::sqrt(variance) / n;
+  return zero;
+}
+
+}  // namespace
+
+std::optional<Drawing> force_displacement(const RunRecord& record) {
+  if (!has_loads(record)) return std::nullopt;
+  const Groups groups = groups_of(record);
+  const std::vector<LegendEntry> legend =
+      legend_of(groups, {{LegendEntry::bar_along_x, "± 1 σ of a reading"},
+                         {LegendEntry::heading, "Fitted model"},
+                         {LegendEntry::line, "curve"},
+                         {LegendEntry::band, "its 95 % band"}});
+  const size_t columns = std::min<size_t>(groups.channels.size(), 3);
+  const Grid grid = grid_of(groups.channels.size(), columns, legend_width(legend), kPanelHeight);
+  Page page(grid.width, grid.height, "Force and displacement", record.title, record.simulated);
+  page.legend(grid.legend_left, grid.legend_top, legend);
+
+  std::string csv = "kind,channel,series,trial,load_N,displacement_mm,sigma_mm,band_lower_mm,band_upper_mm\n";
+  std::vector<std::vector<double>> shown(groups.channels.size());
+  std::vector<std::vector<std::string>> points(groups.channels.size()), curves(groups.channels.size());
+  std::vector<double> loads = record.load_newtons;
+  const std::string none;
+  for (const Group& group : groups.all) {
+    std::map<size_t, std::vector<double>> rows;
+    for (const size_t i : group.readings) {
+      const ReadingRecord& r = record.readings[i];
+      const double x = group.sign * r.measured / kMillimetre, sigma = r.sigma / kMillimetre;
+      rows[i] = {x, record.load_newtons[i], sigma};
+      shown[group.panel].insert(shown[group.panel].end(), {x - sigma, x + sigma});
+      csv += line("reading", r.channel, group.series, r.trial, record.load_newtons[i], x, sigma, none, none);
+    }
+    add_points(page, record, groups, group, rows, "xerrorbars", points[group.panel]);
+    if (group.curve == nullptr) continue;
+    Band band;
+    for (size_t i = 0; i < group.curve->load.size(); ++i) {
+      const double load = group.curve->load[i], x = group.sign * group.curve->value.at(i) / kMillimetre;
+      const double se = group.curve->se.at(i) / kMillimetre, half = std::isfinite(se) ? k95 * se : 0;
+      band.middle.push_back({x, load});
+      band.lower.push_back({x - half, load});
+      band.upper.push_back({x + half, load});
+      shown[group.panel].insert(shown[group.panel].end(), {x - half, x + half});
+      loads.push_back(load);
+      csv += line("curve", group.channel, group.series, none, load, x, se, x - half, x + half);
+    }
+    add_band(page, group, band, curves[group.panel]);
+  }
+  for (size_t c = 0; c < groups.channels.size(); ++c) {
+    curves[c].insert(curves[c].end(), points[c].begin(), points[c].end());
+    const Box& box = grid.boxes[c];
+    page.panel(box, axis_over(shown[c], "displacement [mm]", tics_for(box), true),
+               axis_over(loads, c % columns == 0 ? load_axis_label(record) : "", 6, true),
+               panel_title(groups.channels[c]), curves[c]);
+  }
+  return Drawing{{"force_displacement", "Force and displacement",
+                  "Every reading is a point at the magnitude of its displacement; the bars are one standard deviation to either side. The line is the fitted "
+                  "model, the band around it the 95 % interval of the curve (often thinner than the line). A good fit "
+                  "passes through the points within about two bars.",
+                  ""},
+                 csv,
+                 page};
+}
+
+std::optional<Drawing> effective_stiffness(const RunRecord& record) {
+  if (!has_loads(record)) return std::nullopt;
+  const Groups groups = groups_of(record);
+  std::string csv =
+      "kind,channel,series,trial,load_N,displacement_mm,stiffness_N_per_m,sigma_N_per_m,band_lower_N_per_m,"
+      "band_upper_N_per_m\n";
+  const std::string none;
+  bool any_increment = false, any_plain = false, any_bound = false;
+
+  struct Rows {
+    std::map<size_t, std::vector<double>> points;
+    Band band;
+  };
+  std::vector<Rows> rows(groups.all.size());
+  std::vector<double> loads, centres, reach;
+  for (size_t g = 0; g < groups.all.size(); ++g) {
+    const Group& group = groups.all[g];
+    const Unloaded zero = unloaded_of(record, group);
+    (zero.available ? any_increment : any_plain) = true;
+    double work = 0, smallest = std::numeric_limits<double>::infinity();
+    for (const size_t i : group.readings) {
+      work += record.load_newtons[i] * (record.readings[i].measured - zero.measured);
+      if (record.load_newtons[i] != 0) smallest = std::min(smallest, std::abs(record.load_newtons[i]));
+    }
+    const double sign = work < 0 ? -1 : 1;
+    for (const size_t i : group.readings) {
+      const ReadingRecord& r = record.readings[i];
+      const double force = record.load_newtons[i], delta = sign * (r.measured - zero.measured);
+      if (force == 0 || delta == 0) continue;
+      const double k = force / delta;
+      const double sigma = std::abs(force) * std::hypot(r.sigma, zero.sigma) / (delta * delta);
+      rows[g].points[i] = {force, k, sigma};
+      loads.push_back(force);
+      centres.push_back(k);
+      reach.insert(reach.end(), {k - sigma, k + sigma});
+      csv += line("reading", r.channel, group.series, r.trial, force, delta / kMillimetre, k, sigma, none, none);
+    }
+    if (group.curve == nullptr) continue;
+    const CurveRecord& curve = *group.curve;
+    for (size_t i = 0; i < curve.load.size(); ++i) {
+      const double force = curve.load[i], delta = sign * (curve.value.at(i) - zero.predicted);
+      // Near zero load the quotient says nothing.
+      if (std::abs(force) < 0.5 * smallest || delta == 0) continue;
+      const double k = force / delta;
+      double se = curve.se.at(i);
+      if (zero.available && curve.increment_se.size() == curve.load.size()) {
+        se = curve.increment_se[i];
+      } else if (zero.available) {
+        se += zero.se;  // whatever their correlation, it is not more
+        any_bound = true;
+      }
+      const double half = std::isfinite(se) ? k95 * std::abs(force) * se / (delta * delta) : 0;
+      rows[g].band.middle.push_back({force, k});
+      rows[g].band.lower.push_back({force, k - half});
+      rows[g].band.upper.push_back({force, k + half});
+      loads.push_back(force);
+      centres.push_back(k);
+      reach.insert(reach.end(), {k - half, k + half});
+      csv += line("curve", group.channel, group.series, none, force, delta / kMillimetre, k, half / k95, k - half,
+                  k + half);
+    }
+  }
+  if (centres.empty()) return std::nullopt;
+
+  const std::vector<LegendEntry> legend =
+      legend_of(groups, {{LegendEntry::bar_along_y, "± 1 σ, propagated"},
+                         {LegendEntry::heading, "Fitted model"},
+                         {LegendEntry::line, "curve"},
+                         {LegendEntry::band, "its 95 % band"}});
+  const size_t columns = std::min<size_t>(groups.channels.size(), 3);
+  const Grid grid = grid_of(groups.channels.size(), columns, legend_width(legend), kPanelHeight);
+  const std::string title = any_increment && !any_plain ? "Effective stiffness: force per increment beyond self-weight"
+                                                        : "Effective stiffness: force per displacement";
+  Page page(grid.width, grid.height, title, record.title, record.simulated);
+  page.legend(grid.legend_left, grid.legend_top, legend);
+
+  // One common axis; a long bar of one poor reading does not squeeze the rest.
+  const auto [low, high] = std::ranges::minmax(centres);
+  const double room = std::max(0.5 * (high - low), 0.02 * std::max(std::abs(low), std::abs(high)));
+  for (double& value : reach) value = std::clamp(value, low - room, high + room);
+  const bool logarithmic = low > 0 && high / low > 8;
+  const std::string label = logarithmic ? "force / displacement [N/m], logarithmic" : "force / displacement [N/m]";
+  for (double& value : reach) value = logarithmic ? std::clamp(value, low / 1.3, high * 1.3) : value;
+  std::vector<std::vector<std::string>> points(groups.channels.size()), curves(groups.channels.size());
+  for (size_t g = 0; g < groups.all.size(); ++g) {
+    const size_t panel = groups.all[g].panel;
+    add_points(page, record, groups, groups.all[g], rows[g].points, "yerrorbars", points[panel]);
+    add_band(page, groups.all[g], rows[g].band, curves[panel]);
+  }
+  for (size_t c = 0; c < groups.channels.size(); ++c) {
+    curves[c].insert(curves[c].end(), points[c].begin(), points[c].end());
+    const Box& box = grid.boxes[c];
+    const std::string shown = c % columns == 0 ? label : "";
+    page.panel(box, axis_over(loads, load_axis_label(record), tics_for(box), true),
+               logarithmic ? logarithmic_axis_over(reach, shown) : axis_over(reach, shown, 6, false),
+               panel_title(groups.channels[c]), curves[c]);
+  }
+  std::string caption =
+      "Secant stiffness of every reading: load divided by displacement, the bars being the standard deviation of the "
+      "reading carried over. A straight horizontal line would be a linear spring; a rising one stiffens under load.";
+  if (any_increment) {
+    caption += any_plain ? " Where readings at zero load exist, the displacement is the increment beyond their mean."
+                         : " The displacement is the increment beyond self-weight, that is beyond the mean reading at "
+                           "zero load.";
+  }
+  if (any_bound) caption += " The band of an increment is drawn at its largest possible width.";
+  if (!logarithmic) caption += " The vertical axis does not start at zero.";
+  return Drawing{{"effective_stiffness", "Effective stiffness", caption, ""}, csv, page};
+}
+
+std::optional<Drawing> residuals(const RunRecord& record) {
+  if (record.readings.empty()) return std::nullopt;
+  const Groups groups = groups_of(record);
+  const bool loads_known = has_loads(record);
+  std::vector<LegendEntry> legend = legend_of(groups, {{LegendEntry::bar_along_y, "± 1 σ of a reading"}});
+  legend.push_back({LegendEntry::heading, "Expectation"});
+  legend.push_back({LegendEntry::line, "fitted model", kBlack});
+  legend.push_back({LegendEntry::band, "95 % if all is right"});
+  const size_t count = groups.channels.size(), columns = std::min<size_t>(count, 3);
+  const size_t blocks = (count + columns - 1) / columns;
+  const Grid grid = grid_of(2 * blocks * columns, columns, legend_width(legend), 210);
+  Page page(grid.width, grid.height, "What the fitted model misses", record.title, record.simulated);
+  page.legend(grid.legend_left, grid.legend_top, legend);
+
+  std::string csv = "channel,series,trial,load_N,residual_mm,sigma_mm,normalised_residual\n";
+  std::vector<std::vector<std::string>> above(count), below(count);
+  std::vector<std::vector<double>> millimetres(count);
+  std::vector<double> places, scaled = {-2.6, 2.6};
+  for (const Group& group : groups.all) {
+    std::map<size_t, std::vector<double>> lengths, ratios;
+    for (const size_t i : group.readings) {
+      const ReadingRecord& r = record.readings[i];
+      const double place = loads_known ? record.load_newtons[i] : static_cast<double>(i + 1);
+      const double residual = r.measured - r.predicted;
+      lengths[i] = {place, residual / kMillimetre, r.sigma / kMillimetre};
+      ratios[i] = {place, residual / r.sigma, 1};
+      places.push_back(place);
+      scaled.insert(scaled.end(), {residual / r.sigma - 1, residual / r.sigma + 1});
+      millimetres[group.panel].insert(millimetres[group.panel].end(),
+                                      {(residual - r.sigma) / kMillimetre, (residual + r.sigma) / kMillimetre});
+      csv += line(r.channel, group.series, r.trial,
+                  loads_known ? record.load_newtons[i] : std::numeric_limits<double>::quiet_NaN(),
+                  residual / kMillimetre, r.sigma / kMillimetre, residual / r.sigma);
+    }
+    add_points(page, record, groups, group, lengths, "yerrorbars", above[group.panel]);
+    add_points(page, record, groups, group, ratios, "yerrorbars", below[group.panel]);
+  }
+  // Channels of like size share their scale, so that they can be compared at a glance.
+  double smallest = std::numeric_limits<double>::infinity(), largest = 0;
+  std::vector<double> together;
+  for (const std::vector<double>& values : millimetres) {
+    double size = 0;
+    for (const double value : values) size = std::max(size, std::abs(value));
+    smallest = std::min(smallest, size);
+    largest = std::max(largest, size);
+    together.insert(together.end(), values.begin(), values.end());
+  }
+  const bool common = largest < 5 * smallest;
+  const std::string x_label = loads_known ? load_axis_label(record) : "reading";
+  const std::string zero_line = fmt::format("set arrow from graph 0, first 0 to graph 1, first 0 nohead lw 1.5 lc rgb '{}'\n",
+                                            kBlack);
+  const std::string expected =
+      fmt::format("set object rectangle from graph 0, first -2 to graph 1, first 2 behind fs transparent solid 0.18 "
+                  "noborder fc rgb '{}'\n",
+                  kGrey);
+  for (size_t c = 0; c < count; ++c) {
+    const size_t upper = (c / columns) * 2 * columns + c % columns, lower = upper + columns;
+    const bool first = c % columns == 0;
+    const Box& box = grid.boxes[upper];
+    const std::string name = panel_title(groups.channels[c]);
+    page.panel(box, axis_over(places, x_label, tics_for(box), true),
+               axis_over(common ? together : millimetres[c], first ? "measured − fitted [mm]" : "", 5, true),
+               name, above[c], zero_line);
+    page.panel(grid.boxes[lower], axis_over(places, x_label, tics_for(box), true),
+               axis_over(scaled, first ? "(measured − fitted) / σ" : "", 6, true),
+               name, below[c],
+               expected + zero_line);
+  }
+  return Drawing{{"residuals", "What the fitted model misses",
+                  "Above in millimetres, below in standard deviations of the reading. If the model and the declared "
+                  "standard deviations are right, about 95 % of the points below lie in the grey band, without a trend.",
+                  ""},
+                 csv,
+                 page};
+}
+
+}  // namespace taut::plot

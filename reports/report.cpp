@@ -1,0 +1,427 @@
+#include "reports/report.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <regex>
+
+#include "calib/units.hpp"
+#include "reports/figures.hpp"
+#include "reports/html.hpp"
+
+namespace taut {
+namespace {
+
+using html::bare_number;
+using html::escaped;
+using html::table;
+
+const char* const kStyle = R"(
+:root { color-scheme: light; }
+body { font: 16px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif; color: #222;
+  background: #fff; margin: 0 auto; padding: 1.5rem 1rem 4rem; max-width: 60rem; }
+h1 { font-size: 1.7rem; line-height: 1.2; margin: 0 0 .3rem; }
+h2 { font-size: 1.25rem; margin: 2.4rem 0 .6rem; padding-bottom: .2rem; border-bottom: 1px solid #ddd; }
+h3 { font-size: 1rem; margin: 1.4rem 0 .4rem; }
+p { margin: .5rem 0; max-width: 46rem; }
+.origin { color: #666; margin-bottom: 1rem; }
+.banner { background: #d55e00; color: #fff; font-weight: 600; padding: .6rem 1rem; border-radius: .3rem;
+  margin: 0 0 1rem; max-width: none; }
+.answer { background: #f1f6fa; border-left: .35rem solid #0072b2; padding: .8rem 1rem; margin: 1rem 0; }
+.answer p { max-width: none; margin: .25rem 0; }
+.answer .number { font-size: 1.2rem; font-weight: 600; }
+.warning { border-left: .35rem solid #d55e00; padding: .2rem 0 .2rem .8rem; }
+.scroll { overflow-x: auto; }
+table { border-collapse: collapse; font-size: .88rem; margin: .6rem 0; }
+th, td { text-align: left; vertical-align: top; padding: .28rem .8rem .28rem 0; border-bottom: 1px solid #e6e6e6; }
+th { border-bottom: 2px solid #bbb; font-weight: 600; }
+td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+td.hash { font-family: ui-monospace, Menlo, Consolas, monospace; font-size: .75rem; overflow-wrap: anywhere; }
+figure { margin: 1.6rem 0; }
+figure svg { width: 100%; height: auto; display: block; }
+figcaption { color: #555; font-size: .92rem; max-width: 46rem; }
+code { font-family: ui-monospace, Menlo, Consolas, monospace; font-size: .85em; overflow-wrap: anywhere; }
+@media print { body { font-size: 10.5pt; max-width: none; padding: 0; } h2 { break-after: avoid; }
+  figure, tr, .answer { break-inside: avoid; } .banner { color: #000; border: 2px solid #d55e00; } }
+)";
+
+std::string paragraph(const std::string& text, const char* kind = "") {
+  return fmt::format("<p{}>{}</p>\n", *kind ? fmt::format(" class=\"{}\"", kind) : "", escaped(text));
+}
+
+std::string percent(double ratio) { return fmt::format("{:+.1f} %", 100 * ratio); }
+
+/// Probabilities as people write them.
+std::string probability(double p) {
+  if (!std::isfinite(p)) return "not known";
+  return p < 0.001 ? "less than 0.001" : fmt::format("{:.3f}", p);
+}
+
+/// An estimate in one unit, cut to the digits that its standard error leaves.
+struct Shown {
+  DisplayUnit unit;
+  int decimals = 0;
+
+  explicit Shown(const ParameterEstimate& estimate) : unit(display_unit(estimate.value, estimate.spec.unit)) {
+    if (unit.name == "1") unit.name = "";
+    double resolution = estimate.standard_error;
+    if (!std::isfinite(resolution) || resolution <= 0) resolution = std::abs(estimate.value) / 100;
+    if (std::isfinite(resolution) && resolution > 0) {
+      decimals = std::clamp(1 - static_cast<int>(std::floor(std::log10(resolution / unit.factor))), 0, 9);
+    }
+  }
+  std::string number(double value) const {
+    return std::isfinite(value) ? fmt::format("{:.{}f}", value / unit.factor, decimals) : "not known";
+  }
+  std::string with_unit(double value) const {
+    return number(value) + (unit.name.empty() || !std::isfinite(value) ? "" : " " + unit.name);
+  }
+  std::string interval(const ParameterEstimate& estimate) const {
+    if (!estimate.lower95 && !estimate.upper95) return "open on both sides";
+    if (!estimate.lower95) return "open to " + with_unit(*estimate.upper95);
+    if (!estimate.upper95) return with_unit(*estimate.lower95) + " to open";
+    return number(*estimate.lower95) + " to " + with_unit(*estimate.upper95);
+  }
+};
+
+double misfit_ratio(const FitResult& fit) { return fit.dof > 0 ? fit.chi_squared / fit.dof : NAN; }
+bool fits(const FitResult& fit) { return fit.chi_squared_p >= 0.05; }
+
+/// By how much the results of the variants differ from parameter `p` of the fit: lowest and highest ratio - 1.
+std::optional<std::pair<double, double>> spread(const RunRecord& record, size_t p) {
+  std::optional<std::pair<double, double>> range;
+  const double value = record.fit.parameters[p].value;
+  for (const VariantRecord& variant : record.variants) {
+    if (p >= variant.values.size() || !std::isfinite(variant.values[p]) || value == 0) continue;
+    const double ratio = variant.values[p] / value - 1;
+    range = range ? std::pair(std::min(range->first, ratio), std::max(range->second, ratio)) : std::pair(ratio, ratio);
+  }
+  return range;
+}
+
+std::string summary(const RunRecord& record) {
+  const FitResult& fit = record.fit;
+  std::string out = "<div class=\"answer\">\n";
+  if (fit.status != FitStatus::converged) {
+    out += paragraph(fmt::format("The fit has not converged ({}): {} Do not use the numbers below as results.",
+                                 name_of(fit.status), fit.message),
+                     "warning");
+  }
+  for (size_t p = 0; p < fit.parameters.size(); ++p) {
+    const ParameterEstimate& estimate = fit.parameters[p];
+    const Shown shown(estimate);
+    out += paragraph(fmt::format("{} = {}, 95 % interval {}, {}.", estimate.spec.id, shown.with_unit(estimate.value),
+                                 shown.interval(estimate), name_of(estimate.verdict)),
+                     "number");
+  }
+  if (fit.dof > 0 && fits(fit)) {
+    out += paragraph("The model fits the readings within their declared noise.");
+  } else if (fit.dof > 0) {
+    out += paragraph(
+        fmt::format("The model does not fit within the declared noise: it misses the readings by {:.1f} standard "
+                    "deviations on average, so the interval above is too narrow to cover everything that is wrong.",
+                    std::sqrt(misfit_ratio(fit))));
+  }
+  for (size_t p = 0; p < fit.parameters.size(); ++p) {
+    const ParameterEstimate& estimate = fit.parameters[p];
+    if (const auto range = spread(record, p)) {
+      out += paragraph(range->first == range->second
+                           ? fmt::format("Another mesh or element gives {} for {}.", percent(range->first),
+                                         estimate.spec.id)
+                           : fmt::format("Other meshes and elements move {} by {} to {}.", estimate.spec.id,
+                                         percent(range->first), percent(range->second)));
+    }
+    for (const ReferenceRecord& reference : record.references) {
+      if (reference.parameter != estimate.spec.id || reference.value == 0) continue;
+      out += paragraph(fmt::format("{} differs by {} from {} ({}).", estimate.spec.id,
+                                   percent(estimate.value / reference.value - 1),
+                                   with_unit(reference.value, estimate.spec.unit), reference.source));
+    }
+  }
+  return out + "</div>\n";
+}
+
+std::string parameter_section(const RunRecord& record) {
+  std::vector<std::vector<std::string>> rows;
+  std::string explanations;
+  for (const ParameterEstimate& estimate : record.fit.parameters) {
+    const Shown shown(estimate);
+    const std::string unit = estimate.spec.unit;
+    rows.push_back({estimate.spec.id, estimate.spec.meaning, shown.with_unit(estimate.value),
+                    shown.with_unit(estimate.standard_error), shown.interval(estimate),
+                    std::string(name_of(estimate.verdict)), with_unit(estimate.start, unit),
+                    with_unit(estimate.lower, unit) + " to " + with_unit(estimate.upper, unit)});
+    if (!estimate.explanation.empty()) {
+      explanations += fmt::format("<p><b>{}</b>: {}</p>\n", escaped(estimate.spec.id), escaped(estimate.explanation));
+    }
+  }
+  return "<h2>What was fitted</h2>\n" +
+         table({"Parameter", "Meaning", "#Value", "#Standard error", "#95 % interval", "Verdict", "#Start",
+                "#Allowed in the fit"},
+               rows) +
+         explanations +
+         paragraph("\"Open\" means that the readings set no limit on that side. Standard errors and intervals come from "
+                   "the declared standard deviations of the readings alone; they know nothing of a wrong model, a wrong "
+                   "length or a coarse mesh.");
+}
+
+std::string figure_html(const std::vector<Figure>& figures, const std::string& name) {
+  for (const Figure& figure : figures) {
+    if (figure.name != name) continue;
+    return fmt::format("<figure>\n{}<figcaption>{}</figcaption>\n</figure>\n",
+                       html::inlined(figure.svg, figure.name, figure.title), escaped(figure.caption));
+  }
+  return "";
+}
+
+std::string goodness_of_fit(const RunRecord& record) {
+  const FitResult& fit = record.fit;
+  std::string out = "<h2>Does the model fit?</h2>\n";
+  if (fit.dof <= 0) return out + paragraph("There are as many parameters as readings, so this cannot be judged.");
+  const double ratio = misfit_ratio(fit);
+  out += paragraph(fmt::format("Chi squared is {} for {} degrees of freedom, {} per degree (about 1 is expected). If model "
+                               "and standard deviations were right, a value this large would come up with probability {}.",
+                               bare_number(fit.chi_squared), fit.dof, bare_number(ratio),
+                               probability(fit.chi_squared_p)));
+  if (!fits(fit)) {
+    const std::string widened = fmt::format("{:.1f}", std::sqrt(ratio));
+    out += paragraph(fmt::format("So the readings lie farther from the curve than their standard deviations explain. "
+                                 "Either those were declared too small or the model lacks something. The intervals count the "
+                                 "declared standard deviations only; if all of the misfit were random, they would be {} "
+                                 "times as wide, and if it is not, no width makes up for it.",
+                                 widened),
+                     "warning");
+  } else if (ratio < 0.5) {
+    out += paragraph("That is smaller than expected: the declared standard deviations look too large, and the intervals "
+                     "with them.");
+  }
+  const LackOfFit& lack = fit.lack_of_fit;
+  if (lack.available) {
+    out += paragraph(fmt::format("Repeats tell the two apart: the curve misses the means of the repeats {} times as much (in "
+                                 "squares) as the scatter of the repeats explains (F = {} with {} and {} degrees of freedom, "
+                                 "probability {}).",
+                                 bare_number(lack.F), bare_number(lack.F), lack.lack_of_fit_dof, lack.pure_error_dof,
+                                 probability(lack.p_value)));
+    out += paragraph(lack.p_value < 0.05
+                         ? "That is more than chance: the model itself misses something that repeats agree on, such as a "
+                           "wrong dimension, a clamp that gives, another material law. More repeats will not help."
+                         : "That is within chance: what the model misses looks like the scatter between repeats.");
+    const double scatter = lack.pure_error_dof > 0 ? lack.pure_error / lack.pure_error_dof : NAN;
+    if (scatter > 2 || scatter < 0.3) {
+      out += paragraph(fmt::format("Repeats scatter {:.1f} times as much as the declared standard deviations say; declare "
+                                   "{} ones.",
+                                   std::sqrt(scatter), scatter > 2 ? "larger" : "smaller"));
+    }
+  } else {
+    out += paragraph("There are no repeats to tell noise from a wrong model; measure some conditions twice or more.");
+  }
+  const auto farther = [](const ReadingRecord& a, const ReadingRecord& b) {
+    return std::abs(a.measured - a.predicted) < std::abs(b.measured - b.predicted);
+  };
+  const auto odder = [](const ReadingRecord& a, const ReadingRecord& b) {
+    return std::abs((a.measured - a.predicted) / a.sigma) < std::abs((b.measured - b.predicted) / b.sigma);
+  };
+  if (!record.readings.empty()) {
+    const ReadingRecord& far = *std::ranges::max_element(record.readings, farther);
+    const ReadingRecord& odd = *std::ranges::max_element(record.readings, odder);
+    out += paragraph(fmt::format(
+        "The largest residual is {:.3g} mm (line {} of the data, channel {}); measured in its own standard deviation it is "
+        "{:.1f} at line {}, channel {}.",
+        1e3 * (far.measured - far.predicted), far.line, far.channel, (odd.measured - odd.predicted) / odd.sigma,
+        odd.line, odd.channel));
+  }
+  return out;
+}
+
+std::string mesh_section(const RunRecord& record, const std::vector<Figure>& figures) {
+  const std::vector<ParameterEstimate>& parameters = record.fit.parameters;
+  std::string out;
+  if (!record.variants.empty()) {
+    out += "<h2>What the mesh does to the number</h2>\n";
+    std::vector<std::string> header = {"Fit", "Mesh", "#Unknowns"};
+    for (const ParameterEstimate& estimate : parameters) {
+      header.insert(header.end(), {"#" + estimate.spec.id, "#Standard error", "#Against this fit"});
+    }
+    header.insert(header.end(), {"#Chi squared", "#Time", "Status"});
+    std::vector<std::vector<std::string>> rows;
+    const auto add = [&](const VariantRecord& variant, bool main) {
+      std::vector<std::string> row = {main ? variant.name + " (this fit)" : variant.name, variant.mesh,
+                                      std::to_string(variant.unknowns)};
+      for (size_t p = 0; p < parameters.size(); ++p) {
+        const double value = p < variant.values.size() ? variant.values[p] : NAN;
+        const double se = p < variant.standard_errors.size() ? variant.standard_errors[p] : NAN;
+        const Shown shown(parameters[p]);
+        row.insert(row.end(), {shown.with_unit(value), shown.with_unit(se),
+                               main || !std::isfinite(value) ? "" : percent(value / parameters[p].value - 1)});
+      }
+      row.insert(row.end(), {bare_number(variant.chi_squared), with_unit(variant.seconds, "s", 3), variant.status});
+      rows.push_back(row);
+    };
+    VariantRecord main = record.main;
+    if (main.values.empty()) {
+      for (const ParameterEstimate& estimate : parameters) {
+        main.values.push_back(estimate.value);
+        main.standard_errors.push_back(estimate.standard_error);
+      }
+    }
+    add(main, true);
+    for (const VariantRecord& variant : record.variants) add(variant, false);
+    out += table(header, rows);
+  }
+  if (!record.references.empty()) {
+    out += "<h2>Values from elsewhere</h2>\n";
+    std::vector<std::vector<std::string>> rows;
+    for (const ReferenceRecord& reference : record.references) {
+      for (const ParameterEstimate& estimate : parameters) {
+        if (estimate.spec.id != reference.parameter) continue;
+        const Shown shown(estimate);
+        rows.push_back({reference.parameter, with_unit(reference.value, estimate.spec.unit),
+                        shown.with_unit(estimate.value), percent(estimate.value / reference.value - 1),
+                        reference.source});
+      }
+    }
+    out += table({"Parameter", "#Reference", "#This fit", "#This fit differs by", "Source"}, rows);
+  }
+  return out + figure_html(figures, "variants");
+}
+
+std::string correlation_section(const RunRecord& record) {
+  const std::vector<ParameterEstimate>& parameters = record.fit.parameters;
+  const Eigen::MatrixXd& correlation = record.fit.correlation;
+  const auto n = static_cast<Eigen::Index>(parameters.size());
+  if (n < 2 || correlation.rows() != n || correlation.cols() != n) return "";
+  std::vector<std::string> header = {""};
+  std::vector<std::vector<std::string>> rows;
+  for (const ParameterEstimate& estimate : parameters) header.push_back("#" + estimate.spec.id);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    std::vector<std::string> row = {parameters[static_cast<size_t>(i)].spec.id};
+    for (Eigen::Index j = 0; j < n; ++j) {
+      row.push_back(std::isfinite(correlation(i, j)) ? fmt::format("{:.3f}", correlation(i, j)) : "not known");
+    }
+    rows.push_back(row);
+  }
+  return "<h2>How the parameters hang together</h2>\n" + table(header, rows) +
+         paragraph("Correlation of the estimates. Near +1 or -1, the readings fix a combination of two parameters but "
+                   "not each of them.");
+}
+
+std::string readings_section(const RunRecord& record) {
+  std::vector<std::string> header = {"#Line", "Trial", "Channel"};
+  for (size_t c = 0; c < record.control_ids.size(); ++c) header.push_back("#" + record.control_ids[c]);
+  header.insert(header.end(), {"#Measured [mm]", "#σ [mm]", "#Fitted [mm]", "#Residual [mm]", "#Residual / σ"});
+  std::vector<std::vector<std::string>> rows;
+  for (const ReadingRecord& r : record.readings) {
+    std::vector<std::string> row = {std::to_string(r.line), r.trial, r.channel};
+    for (size_t c = 0; c < record.control_ids.size(); ++c) {
+      row.push_back(c < r.controls.size() ? with_unit(r.controls[c], record.control_units.at(c)) : "");
+    }
+    const auto mm = [](double metres) { return fmt::format("{:.3f}", 1e3 * metres); };
+    row.insert(row.end(), {mm(r.measured), mm(r.sigma), mm(r.predicted), mm(r.measured - r.predicted),
+                           fmt::format("{:+.2f}", (r.measured - r.predicted) / r.sigma)});
+    rows.push_back(row);
+  }
+  return "<h2>Every reading</h2>\n" + table(header, rows);
+}
+
+std::string setup_section(const RunRecord& record) {
+  std::string out;
+  if (!record.setup.empty()) {
+    std::vector<std::vector<std::string>> rows;
+    for (const auto& [name, value] : record.setup) rows.push_back({name, value});
+    out += "<h2>Set-up of the model</h2>\n" + table({"What", "How"}, rows);
+  }
+  if (!record.remarks.empty() || !record.fit.failures.empty()) {
+    out += "<h2>Remarks</h2>\n<ul>\n";
+    for (const auto& list : {record.remarks, record.fit.failures}) {
+      for (const std::string& remark : list) out += "<li>" + escaped(remark) + "</li>\n";
+    }
+    out += "</ul>\n";
+  }
+  return out;
+}
+
+std::string provenance_section(const RunRecord& record) {
+  const Provenance& p = record.provenance;
+  const FitResult& fit = record.fit;
+  std::vector<std::string> libraries;
+  for (const auto& [name, version] : p.libraries) libraries.push_back(name + " " + version);
+  std::string all;
+  for (const std::string& library : libraries) all += (all.empty() ? "" : ", ") + library;
+  std::vector<std::vector<std::string>> rows = {
+      {"taut", p.version + (p.commit.empty() ? "" : ", commit " + p.commit)},
+      {"Command", "`" + p.command_line},
+      {"Started", p.started},
+      {"Machine", p.machine},
+      {"Libraries", all},
+      {"Random seed", p.seed == 0 ? "none, nothing in the fit is random" : std::to_string(p.seed)},
+      {"Fit", fmt::format("{}; {} iterations, {} evaluations of the experiment, {} of them failed; {}",
+                          name_of(fit.status), fit.iterations, fit.evaluations, fit.failed_evaluations, fit.message)},
+      {"Time", fmt::format("{} in all with {} factorisations; one replay of all readings {} with {}",
+                           with_unit(p.wall_seconds, "s", 3), record.fit_factorisations,
+                           with_unit(record.replay_seconds, "s", 3), record.replay_factorisations)}};
+  for (const auto& [path, hash] : p.inputs) rows.push_back({"Input " + path, "`SHA-256 " + hash});
+  if (!record.experiment_file.empty()) rows.push_back({"Copies in this folder", record.experiment_file});
+  if (!record.data_file.empty()) rows.back()[1] += (record.experiment_file.empty() ? "" : ", ") + record.data_file;
+  return "<h2>Where this comes from</h2>\n" + table({"", ""}, rows);
+}
+
+}  // namespace
+
+std::string report_html(const RunRecord& record, const std::vector<Figure>& figures) {
+  std::string out = fmt::format(
+      "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
+      "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>{}</title>\n<style>{}</style>\n"
+      "</head>\n<body>\n",
+      escaped(record.simulated ? "SIMULATED DATA: " + record.title : record.title), kStyle);
+  if (record.simulated) {
+    out += paragraph("SIMULATED DATA: the readings below come from a simulation, not from a bench.", "banner");
+  }
+  out += fmt::format("<h1>{}</h1>\n", escaped(record.title));
+  out += paragraph(fmt::format("{} readings, fitted with taut {} on {}", record.readings.size(),
+                               record.provenance.version, record.provenance.started),
+                   "origin");
+  out += summary(record);
+  out += figure_html(figures, "force_displacement");
+  out += parameter_section(record);
+  out += goodness_of_fit(record);
+  out += figure_html(figures, "residuals");
+  out += figure_html(figures, "effective_stiffness");
+  out += mesh_section(record, figures);
+  out += figure_html(figures, "deformed_shapes");
+  out += correlation_section(record);
+  out += readings_section(record);
+  out += setup_section(record);
+  out += provenance_section(record);
+  return out + "</body>\n</html>\n";
+}
+
+std::string predictions_csv(const RunRecord& record) {
+  std::string out = "line,trial,channel,";
+  for (size_t c = 0; c < record.control_ids.size(); ++c) {
+    std::string suffix;
+    for (const char letter : record.control_units.at(c)) suffix += letter == '/' ? "_per_" : std::string(1, letter);
+    out += record.control_ids[c] + (suffix.empty() ? "" : "_" + suffix) + ",";
+  }
+  out += "measured_m,sigma_m,predicted_m,prediction_se_m,residual_m,normalised_residual\n";
+  for (const ReadingRecord& r : record.readings) {
+    std::string controls;
+    for (const double control : r.controls) controls += plot::field(control) + ",";
+    const double residual = r.measured - r.predicted;
+    out += plot::field(r.line) + "," + plot::field(r.trial) + "," + plot::field(r.channel) + "," + controls +
+           plot::line(r.measured, r.sigma, r.predicted, r.prediction_se, residual, residual / r.sigma);
+  }
+  return out;
+}
+
+void write_run(const RunRecord& record, const std::string& folder) {
+  const std::filesystem::path root(folder);
+  // The result first: a missing gnuplot must not cost a fit.
+  write_file((root / "fit.json").string(), to_json(record));
+  write_file((root / "predictions.csv").string(), predictions_csv(record));
+  const std::vector<Figure> figures = draw_figures(record, folder);
+  write_file((root / "report.html").string(), report_html(record, figures));
+}
+
+}  // namespace taut
