@@ -3,6 +3,7 @@
 #include <ceres/ceres.h>
 #include <fmt/format.h>
 
+#include <Eigen/QR>
 #include <Eigen/SVD>
 #include <algorithm>
 #include <boost/math/distributions/chi_squared.hpp>
@@ -65,6 +66,7 @@ class Evaluator {
     ok_ = prediction_.complete();
     if (!ok_) {
       ++failed;
+      last_failure = point;
       for (const std::string& failure : prediction_.failures) {
         if (failures.size() < 5) failures.push_back(failure);
       }
@@ -80,6 +82,9 @@ class Evaluator {
     }
     return true;
   }
+
+  /// Makes the next evaluation ask the protocol even at the same point.
+  void reset() { point_.resize(0); }
 
   const Prediction& prediction() const { return prediction_; }
 
@@ -102,6 +107,7 @@ class Evaluator {
 
   int evaluations = 0, failed = 0;
   std::vector<std::string> failures;
+  Eigen::VectorXd last_failure;  ///< where the last simulation failed, fitted scale; empty: none did
 
  private:
   Protocol& protocol_;
@@ -143,7 +149,7 @@ class StopCallback final : public ceres::IterationCallback {
  public:
   explicit StopCallback(const Evaluator& evaluator) : evaluator_(evaluator) {}
   ceres::CallbackReturnType operator()(const ceres::IterationSummary&) override {
-    return evaluator_.stopped() ? ceres::SOLVER_ABORT : ceres::SOLVER_CONTINUE;
+    return evaluator_.stopped() ? ceres::SOLVER_TERMINATE_SUCCESSFULLY : ceres::SOLVER_CONTINUE;  // the best values so far are kept
   }
 
  private:
@@ -156,9 +162,11 @@ struct Minimum {
   double chi_squared = nan;
 };
 
+constexpr double damped = 1, undamped = 1e4;  ///< trust-region radii: half a Gauss-Newton step, the whole step
+
 /// Levenberg-Marquardt from `q` with bounds; parameter `held` keeps its value.
 Minimum minimise(Evaluator& evaluator, const std::vector<FreeParameter>& free, size_t measurements, std::vector<double> q, int held,
-                 const FitOptions& options) {
+                 double radius, const FitOptions& options) {
   ceres::Problem::Options problem_options;
   problem_options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
   ResidualBlock block(evaluator, measurements);
@@ -182,8 +190,7 @@ Minimum minimise(Evaluator& evaluator, const std::vector<FreeParameter>& free, s
   solver.function_tolerance = options.tolerance;
   solver.parameter_tolerance = 1e-10;
   solver.gradient_tolerance = 1e-12;
-  // The first step is nearly Gauss-Newton's: starts are within a factor of ten, and a bad step is undone by the next.
-  solver.initial_trust_region_radius = 1e4;
+  solver.initial_trust_region_radius = radius;
   solver.max_num_consecutive_invalid_steps = 20;  // failed simulations shorten the step, they do not end the fit
   solver.logging_type = ceres::SILENT;
   solver.callbacks.push_back(&stop);
@@ -194,10 +201,38 @@ Minimum minimise(Evaluator& evaluator, const std::vector<FreeParameter>& free, s
   return minimum;
 }
 
+/// One Gauss-Newton step from `q` in the reciprocals of the logarithmic parameters (1/E instead of ln E): displacements of a
+/// linear solid are linear in those, so that a start a few times off comes near at once. At most a factor of three, because
+/// far from the truth the solid is not linear. Returns whether `q` moved; it stays when that does not lower chi squared.
+bool step_in_compliance(Evaluator& evaluator, const std::vector<FreeParameter>& free, std::vector<double>& q) {
+  if (!evaluator.evaluate(q.data())) return false;
+  const Eigen::VectorXd r = evaluator.residuals();
+  // A least-squares step of minimum norm: parameters that the readings do not see stay where they are.
+  const Eigen::VectorXd step = -evaluator.jacobian().completeOrthogonalDecomposition().solve(r);
+  std::vector<double> trial = q;
+  for (size_t j = 0; j < q.size(); ++j) {
+    const Scale& scale = evaluator.scale(j);
+    const double d = step[static_cast<Eigen::Index>(j)];
+    trial[j] += scale.logarithmic ? -std::log1p(-std::clamp(d, -2.0, 2.0 / 3.0)) : d;
+    trial[j] = std::clamp(trial[j], scale.inside(free[j].lower), scale.inside(free[j].upper));
+  }
+  if (trial == q || !evaluator.evaluate(trial.data()) || !(evaluator.residuals().squaredNorm() < r.squaredNorm())) return false;
+  q = trial;
+  return true;
+}
+
+/// What a change of a parameter is compared with: one for a logarithm, else the range that it may have.
+double range_of(const FreeParameter& parameter, const Scale& scale, double value) {
+  if (scale.logarithmic) return 1;
+  const double range = parameter.upper - parameter.lower;
+  return std::isfinite(range) ? range : std::max(std::abs(value), 1e-12);
+}
+
 /// Where chi squared, minimised over all other parameters, has risen by `profile_rise`, going from the optimum in direction
-/// `sign`; empty when it has not at the bound. Fitted scale.
+/// `sign`; empty when it has not at the bound, where simulations fail before it has, and, when `alone`, where it would only
+/// because another parameter is at its bound. Fitted scale.
 std::optional<double> profile_end(Evaluator& evaluator, const std::vector<FreeParameter>& free, size_t measurements, const Minimum& best,
-                                  size_t j, int sign, double guess, const FitOptions& options) {
+                                  size_t j, int sign, double guess, bool alone, const FitOptions& options) {
   const Scale& scale = evaluator.scale(j);
   const double bound = scale.inside(sign > 0 ? free[j].upper : free[j].lower);
   FitOptions coarse = options;
@@ -208,7 +243,7 @@ std::optional<double> profile_end(Evaluator& evaluator, const std::vector<FreePa
     if (free.size() == 1) {
       return evaluator.evaluate(start.data()) ? evaluator.residuals().squaredNorm() - best.chi_squared : std::numeric_limits<double>::infinity();
     }
-    const Minimum there = minimise(evaluator, free, measurements, start, static_cast<int>(j), coarse);
+    const Minimum there = minimise(evaluator, free, measurements, start, static_cast<int>(j), undamped, coarse);
     if (there.summary.termination_type == ceres::FAILURE) return std::numeric_limits<double>::infinity();
     start = there.q;
     return there.chi_squared - best.chi_squared;
@@ -242,7 +277,30 @@ std::optional<double> profile_end(Evaluator& evaluator, const std::vector<FreePa
       inner_rise = rise;
     }
   }
+  if (!std::isfinite(outer_rise)) return std::nullopt;
+  for (size_t i = 0; alone && i < free.size(); ++i) {
+    const double margin = 1e-6 * range_of(free[i], evaluator.scale(i), evaluator.scale(i).outside(start[i]));
+    const double room = std::min(start[i] - evaluator.scale(i).inside(free[i].lower), evaluator.scale(i).inside(free[i].upper) - start[i]);
+    if (i != j && room < margin) return std::nullopt;
+  }
   return 0.5 * (inner + outer);
+}
+
+/// True when a simulation failed beside `q` although chi squared still falls there: r, J are those at `q`.
+bool stopped_by_failures(const Evaluator& evaluator, const std::vector<FreeParameter>& free, const std::vector<double>& q, const Eigen::VectorXd& r,
+                         const Eigen::MatrixXd& J) {
+  if (evaluator.last_failure.size() == 0) return false;
+  Eigen::MatrixXd open = J;  // without the parameters that their bounds hold
+  for (size_t j = 0; j < q.size(); ++j) {
+    const Eigen::Index k = static_cast<Eigen::Index>(j);
+    const Scale& scale = evaluator.scale(j);
+    const double range = range_of(free[j], scale, scale.outside(q[j])), downhill = -J.col(k).dot(r);
+    if (std::abs(evaluator.last_failure[k] - q[j]) > 1e-2 * range) return false;
+    const double room = downhill > 0 ? scale.inside(free[j].upper) - q[j] : q[j] - scale.inside(free[j].lower);
+    if (room < 1e-6 * range) open.col(k).setZero();
+  }
+  const double promised = (open * open.completeOrthogonalDecomposition().solve(r)).squaredNorm();
+  return promised > std::max(1e-3, 1e-6 * r.squaredNorm());
 }
 
 /// How far a parameter is from being known, as a number without unit: its standard error on the fitted scale, for parameters
@@ -281,7 +339,7 @@ std::string explain(const ParameterEstimate& e, const Spread& spread, const std:
                          e.spec.id, partner.empty() ? "the other parameters" : partner);
       break;
     case Verdict::invisible:
-      text = fmt::format("The readings do not depend on {} within their noise: the value is that of the start, not a result; fix it, or measure where it matters.", e.spec.id);
+      text = fmt::format("The readings do not depend on {} within their noise: its value is where the search happened to be, not a result; fix it, or measure where it matters.", e.spec.id);
       break;
   }
   if ((e.verdict == Verdict::well_determined || e.verdict == Verdict::weakly_determined) && std::abs(correlation) > 0.9) {
@@ -379,16 +437,39 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
 
   FitResult result;
   const size_t n = free.size();
-  Minimum best = minimise(evaluator, free, measurements.size(), q, -1, options);
-  result.message = best.summary.message;
-  result.iterations = static_cast<int>(best.summary.iterations.size()) - 1;
-  result.evaluations = evaluator.evaluations;
+  Minimum best;
+  best.q = q;
+  // What is reported is computed once more from the start of the protocol's path, without the fit's history. Should the history
+  // have led to another equilibrium than that path does, the fit goes on from there.
+  Evaluator last(protocol, measurements, free, options);
+  for (int round = 0; round < 3; ++round) {
+    const bool near = round > 0 || step_in_compliance(evaluator, free, best.q);
+    best = minimise(evaluator, free, measurements.size(), best.q, -1, near ? undamped : damped, options);
+    result.iterations += static_cast<int>(best.summary.iterations.size()) - 1;
+    result.message = best.summary.message;
+    result.status = evaluator.stopped()                                                     ? FitStatus::interrupted
+                    : best.summary.termination_type == ceres::CONVERGENCE                   ? FitStatus::converged
+                    : evaluator.failed > 0 && evaluator.failed == evaluator.evaluations ? FitStatus::start_failed
+                                                                                            : FitStatus::not_converged;
+    if (result.status == FitStatus::start_failed || result.status == FitStatus::interrupted) break;
+    protocol.forget();
+    last.reset();
+    if (!last.evaluate(best.q.data())) {
+      result.status = last.stopped() ? FitStatus::interrupted : FitStatus::not_converged;
+      result.message = "the optimum could not be computed again from the start of the path: " + last.failures.front();
+      break;
+    }
+    const double again = last.residuals().squaredNorm();
+    if (std::abs(again - best.chi_squared) <= 1e-6 * (1 + best.chi_squared)) break;
+    evaluator.reset();
+    if (round == 2) {
+      result.status = FitStatus::not_converged;
+      result.message = fmt::format("chi squared is {:.6g} on the fit's way and {:.6g} on the protocol's own path: there is more than one equilibrium", best.chi_squared, again);
+    }
+  }
+  result.evaluations = evaluator.evaluations + last.evaluations;
   result.failed_evaluations = evaluator.failed;
   result.failures = evaluator.failures;
-  result.status = evaluator.stopped()                                             ? FitStatus::interrupted
-                  : best.summary.termination_type == ceres::CONVERGENCE           ? FitStatus::converged
-                  : evaluator.failed > 0 && evaluator.failed == evaluator.evaluations ? FitStatus::start_failed
-                                                                                  : FitStatus::not_converged;
 
   for (size_t j = 0; j < n; ++j) {
     ParameterEstimate estimate;
@@ -401,45 +482,45 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
     result.parameters.push_back(estimate);
   }
   result.p = evaluator.params(best.q.data());
-  if (result.status == FitStatus::start_failed || result.status == FitStatus::interrupted) return result;
+  if (last.prediction().values.size() == 0 || !last.prediction().complete()) return result;
 
-  // What is reported is computed once more from the start of the protocol's path, without the fit's history.
-  protocol.forget();
-  Evaluator last(protocol, measurements, free, options);
-  if (!last.evaluate(best.q.data())) {
-    result.status = last.stopped() ? FitStatus::interrupted : FitStatus::not_converged;
-    result.message = "the optimum could not be computed again from the start of the path: " + last.failures.front();
-    return result;
-  }
   result.predicted = last.prediction().values;
   const Eigen::VectorXd r = last.residuals();
   const Eigen::MatrixXd J = last.jacobian();
   best.chi_squared = result.chi_squared = r.squaredNorm();
+  if (result.status == FitStatus::converged && stopped_by_failures(evaluator, free, best.q, r, J)) {
+    result.status = FitStatus::not_converged;
+    result.message = "the fit ended where simulations fail, before it was at a minimum: " + evaluator.failures.front();
+  }
   result.residuals.resize(r.size());
   for (size_t i = 0; i < measurements.size(); ++i) result.residuals[static_cast<Eigen::Index>(i)] = -r[static_cast<Eigen::Index>(i)] * measurements[i].sigma;
   result.dof = static_cast<int>(measurements.size()) - static_cast<int>(n);
   result.chi_squared_p = chi_squared_probability(result.chi_squared, result.dof);
   result.lack_of_fit = lack_of_fit(measurements, result.chi_squared, n);
 
-  // Directions that the readings do not see at all get an infinite variance instead of a pseudo-inverse's zero.
-  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(J, Eigen::ComputeThinU | Eigen::ComputeThinV);
+  // Directions that the readings do not see get a deviation of a hundred ranges instead of a pseudo-inverse's zero; more than that
+  // would drown in rounding what they do see.
+  Eigen::VectorXd ranges(static_cast<Eigen::Index>(n));
+  for (size_t j = 0; j < n; ++j) ranges[static_cast<Eigen::Index>(j)] = range_of(free[j], evaluator.scale(j), result.parameters[j].value);
+  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(J * ranges.asDiagonal(), Eigen::ComputeThinU | Eigen::ComputeThinV);
   result.singular_values = svd.singularValues();
   result.weakest = svd.matrixV().col(static_cast<Eigen::Index>(n) - 1);
-  const Eigen::VectorXd inverse = svd.singularValues().cwiseMax(1e-150).cwiseInverse();
-  result.covariance = svd.matrixV() * inverse.cwiseAbs2().asDiagonal() * svd.matrixV().transpose();
-  const Eigen::VectorXd sd = result.covariance.diagonal().cwiseSqrt();
+  const Eigen::VectorXd inverse = svd.singularValues().cwiseMax(0.01).cwiseInverse();
+  const Eigen::MatrixXd root = ranges.asDiagonal() * svd.matrixV() * inverse.asDiagonal();
+  result.covariance = root * root.transpose();
+  const Eigen::VectorXd sd = root.rowwise().norm();
   result.correlation = sd.cwiseInverse().asDiagonal() * result.covariance * sd.cwiseInverse().asDiagonal();
   const Eigen::MatrixXd& D = last.prediction().derivatives;  // on the fitted scale already
-  result.prediction_se = (D * result.covariance * D.transpose()).diagonal().cwiseMax(0.0).cwiseSqrt();
+  result.prediction_se = (D * root).rowwise().norm();
 
   for (size_t j = 0; j < n; ++j) {
     ParameterEstimate& estimate = result.parameters[j];
     const Scale& scale = evaluator.scale(j);
     const Eigen::Index k = static_cast<Eigen::Index>(j);
-    const double range = scale.logarithmic ? 1.0 : std::isfinite(free[j].upper - free[j].lower) ? free[j].upper - free[j].lower : std::max(std::abs(estimate.value), 1e-12);
+    const double range = ranges[k];
     const Spread spread{sd[k] / range, 1 / std::max(J.col(k).norm(), 1e-150) / range};
     estimate.verdict = verdict_of(spread);
-    estimate.standard_error = spread.joint < 1e3 ? sd[k] * scale.slope(estimate.value) : nan;
+    estimate.standard_error = spread.joint < 10 ? sd[k] * scale.slope(estimate.value) : nan;
 
     double lower = best.q[j] - z95 * sd[k], upper = best.q[j] + z95 * sd[k];
     std::optional<double> low = lower, high = upper;
@@ -448,8 +529,8 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
       low = high = std::nullopt;
       if (options.profiles && !evaluator.stopped()) {
         const double guess = std::min(z95 * sd[k], scale.logarithmic ? 1.0 : 0.25 * range);
-        low = profile_end(evaluator, free, measurements.size(), best, j, -1, guess, options);
-        high = profile_end(evaluator, free, measurements.size(), best, j, +1, guess, options);
+        low = profile_end(evaluator, free, measurements.size(), best, j, -1, guess, estimate.verdict == Verdict::tied, options);
+        high = profile_end(evaluator, free, measurements.size(), best, j, +1, guess, estimate.verdict == Verdict::tied, options);
       }
       if (estimate.verdict != Verdict::well_determined && low.has_value() != high.has_value()) estimate.verdict = Verdict::bounded_from_one_side;
       if (estimate.verdict == Verdict::invisible && low && high) estimate.verdict = Verdict::weakly_determined;

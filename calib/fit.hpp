@@ -65,7 +65,8 @@ struct FitResult {
   std::vector<ParameterEstimate> parameters;
   Eigen::MatrixXd covariance;      ///< of the fitted scale (logarithm for logarithmic parameters), free x free
   Eigen::MatrixXd correlation;     ///< free x free
-  Eigen::VectorXd singular_values; ///< of the noise-scaled Jacobian on the fitted scale, largest first
+  Eigen::VectorXd singular_values; ///< of the noise-scaled Jacobian on the fitted scale in units of each one's range (1 for a
+                                   ///< logarithm), largest first: standard deviations of the readings that a change is worth
   Eigen::VectorXd weakest;         ///< right singular vector of the smallest one: the combination known least
   Params p;                        ///< all parameters at the optimum
   Eigen::VectorXd predicted;       ///< per protocol row, recomputed from the start of the protocol's path, SI
@@ -89,7 +90,7 @@ struct FitProgress {
 
 struct FitOptions {
   int max_iterations = 60;
-  double tolerance = 1e-9;          ///< relative decrease of chi squared at which the fit ends
+  double tolerance = 1e-6;          ///< relative decrease of chi squared at which the fit ends: some thousandths of a sigma
   bool profiles = true;             ///< search interval ends by profile likelihood where the parabola cannot be trusted
   const std::atomic<bool>* stop = nullptr;
   std::function<void(const FitProgress&)> progress;

@@ -51,23 +51,31 @@ std::string StaticProtocol::describe(const Condition& condition, const Params& p
   return text;
 }
 
+/// Whether an equilibrium at `from` is a better start for `to` than the rest shape is: stiffnesses within a factor of 1.5.
+bool StaticProtocol::near(const Params& from, const Params& to) const {
+  for (int i = 0; i < parameters().size(); ++i) {
+    if (parameters()[i].logarithmic && !(from[i] < 1.5 * to[i] && to[i] < 1.5 * from[i])) return false;
+  }
+  return true;
+}
+
 void StaticProtocol::solve_condition(Condition& condition, const Params& p, const std::vector<int>& free, Equilibrium& equilibrium) const {
   Params target = p;
   for (size_t k = 0; k < controls_.size(); ++k) target[controls_[k]] = condition.controls[k];
   SolveReport total;
   bool done = false;
-  if (condition.solved) {
+  if (condition.solved && near(condition.p, target)) {
     // Predict from the last equilibrium; a stiffness by its reciprocal, in which displacements of a linear solid are linear.
     Eigen::VectorXd u = condition.u;
     for (size_t k = 0; k < condition.sensitivity_of.size(); ++k) {
       const int index = condition.sensitivity_of[k];
       const double from = condition.p[index], to = target[index];
-      const bool stiffness = parameters()[index].logarithmic && from > 0 && to > 0;
-      u += (stiffness ? from * (1 - from / to) : to - from) * condition.sensitivities.col(static_cast<Eigen::Index>(k));
+      u += (parameters()[index].logarithmic ? from * (1 - from / to) : to - from) * condition.sensitivities.col(static_cast<Eigen::Index>(k));
     }
     equilibrium.start_at(u, target);
-    done = equilibrium.solve(target).status == SolveStatus::converged;
-    total = equilibrium.report();
+    total = equilibrium.solve(target);
+    // A start that is not on the protocol's path may end in a spurious equilibrium with folded elements.
+    done = total.status == SolveStatus::converged && smallest_jacobian(scene_.model->mesh(), equilibrium.u()) > 0;
   }
   if (!done && total.status != SolveStatus::interrupted) {
     Params rest = target;
@@ -81,10 +89,10 @@ void StaticProtocol::solve_condition(Condition& condition, const Params& p, cons
   }
   condition.report = total;
   if (total.status != SolveStatus::converged) return;  // what was solved before stays as a start for the next try
-  condition.solved = true;
   condition.p = target;
   condition.u = equilibrium.u();
   condition.smallest_jacobian = smallest_jacobian(scene_.model->mesh(), condition.u);
+  condition.solved = condition.smallest_jacobian > 0;  // a folded state is no start for others
   condition.sensitivity_of = free;
   condition.sensitivities = free.empty() ? Eigen::MatrixXd() : equilibrium.sensitivities(free);
 }

@@ -75,7 +75,7 @@ class StaticProtocol final : public Protocol {
   struct Condition {
     std::vector<double> controls;
     std::vector<int> rows;
-    bool solved = false;
+    bool solved = false;              ///< u is an equilibrium at p, fit to start the next solve from
     Params p;
     Eigen::VectorXd u;                ///< [m], all unknowns
     Eigen::MatrixXd sensitivities;    ///< du/dp of the parameters that were asked for last
@@ -89,6 +89,7 @@ class StaticProtocol final : public Protocol {
 
  private:
   void solve_condition(Condition& condition, const Params& p, const std::vector<int>& free, Equilibrium& equilibrium) const;
+  bool near(const Params& from, const Params& to) const;
   std::string describe(const Condition& condition, const Params& p) const;
 
   Scene scene_;

@@ -29,14 +29,14 @@ Quantity quantity_of_si_unit(std::string_view si_unit);
 
 /// A number for people: 4 significant digits and a handy unit of the same quantity ("263.8 kPa", "6.49 mm").
 /// `si_unit` is the SI unit as ParameterSpec has it; unknown units are printed as they are.
-std::string with_unit(double si_value, std::string_view si_unit, int digits = 4);
+std::string with_unit(double value_si, std::string_view si_unit, int digits = 4);
 
 /// The handy unit that with_unit() would choose for this value, and its SI factor.
 struct DisplayUnit {
   std::string name;
   double factor;
 };
-DisplayUnit display_unit(double si_value, std::string_view si_unit);
+DisplayUnit display_unit(double value_si, std::string_view si_unit);
 
 /// "tip_load_N" to {"tip_load", "N"}: the unit is what follows the last underscore, if it is a unit of one of the
 /// `allowed` quantities. Otherwise throws InputError that names header, allowed units and an example; `where` starts

@@ -4,6 +4,7 @@
 
 #include <chrono>
 #include <filesystem>
+#include <map>
 #include <nlohmann/json.hpp>
 
 #include "experiments/session.hpp"
@@ -81,6 +82,26 @@ void print_fit(const RunRecord& record) {
       }
     }
   }
+}
+
+/// Standard deviation that a new reading of a channel would have at this load: that of the run's readings, interpolated over
+/// the load and constant beyond them.
+double sigma_at(const RunRecord& record, const std::string& channel, double load) {
+  std::map<double, std::pair<double, int>> by_load;  // load to sum of sigma^2 and count
+  for (size_t i = 0; i < record.readings.size(); ++i) {
+    if (record.readings[i].channel != channel) continue;
+    auto& [sum, count] = by_load[record.load_newtons[i]];
+    sum += record.readings[i].sigma * record.readings[i].sigma;
+    ++count;
+  }
+  auto sigma = [](const auto& entry) { return std::sqrt(entry->second.first / entry->second.second); };
+  if (by_load.empty()) return 0;
+  const auto above = by_load.lower_bound(load);
+  if (above == by_load.begin()) return sigma(above);
+  if (above == by_load.end()) return sigma(std::prev(above));
+  const auto below = std::prev(above);
+  const double t = (load - below->first) / (above->first - below->first);
+  return (1 - t) * sigma(below) + t * sigma(above);
 }
 
 FitOptions fit_options(const CommandOptions& options, const Session& session, const std::vector<FreeParameter>& free, Progress& progress, const std::string& what) {
@@ -296,16 +317,21 @@ int predict_command(const CommandOptions& options) {
   Json json{{"title", record.title}, {"data", record.simulated ? "simulated" : "measured"}};
   std::string header = "line,channel";
   for (size_t k = 0; k < record.control_ids.size(); ++k) header += "," + record.control_ids[k] + "_" + record.control_units[k];
-  std::string csv = header + ",predicted_m,standard_error_m,lower95_m,upper95_m\n";
+  // The curve's band is what the fit leaves open; a new reading scatters by its own noise on top.
+  std::string csv = header + ",predicted_m,standard_error_m,lower95_m,upper95_m,reading_lower95_m,reading_upper95_m\n";
   for (size_t i = 0; i < trials.readings.size(); ++i) {
     const Reading& reading = trials.readings[i];
+    const std::string& channel = trials.channel_ids[static_cast<size_t>(reading.channel)];
     const double value = prediction.values[bench.row_of_reading[i]], error = se[bench.row_of_reading[i]];
-    const double lower = value - 1.96 * error, upper = value + 1.96 * error;
-    csv += fmt::format("{},{}", reading.line, trials.channel_ids[static_cast<size_t>(reading.channel)]);
+    const int k = record.load_control;
+    const double load = k < 0 ? 0.0 : load_in_newtons(experiment, trials.control_quantities[static_cast<size_t>(k)], reading.controls[static_cast<size_t>(k)]);
+    const double curve = 1.96 * error, noisy = 1.96 * std::hypot(error, sigma_at(record, channel, load));
+    csv += fmt::format("{},{}", reading.line, channel);
     for (double control : reading.controls) csv += fmt::format(",{:.10g}", control);
-    csv += fmt::format(",{:.8g},{:.3g},{:.8g},{:.8g}\n", value, error, lower, upper);
-    json["rows"].push_back({{"line", reading.line}, {"channel", trials.channel_ids[static_cast<size_t>(reading.channel)]}, {"controls", reading.controls},
-                            {"predicted_m", number(value)}, {"standard_error_m", number(error)}, {"interval95_m", {number(lower), number(upper)}}});
+    csv += fmt::format(",{:.8g},{:.3g},{:.8g},{:.8g},{:.8g},{:.8g}\n", value, error, value - curve, value + curve, value - noisy, value + noisy);
+    json["rows"].push_back({{"line", reading.line}, {"channel", channel}, {"controls", reading.controls}, {"predicted_m", number(value)},
+                            {"standard_error_m", number(error)}, {"interval95_m", {number(value - curve), number(value + curve)}},
+                            {"reading_interval95_m", {number(value - noisy), number(value + noisy)}}});
   }
   if (options.json) fmt::print("{}\n", json.dump(2));
   else fmt::print("{}", csv);

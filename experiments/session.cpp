@@ -284,21 +284,24 @@ std::vector<ShapeRecord> make_shapes(const Session& session, const std::string& 
   axes[0] = "xyz"[horizontal];
   axes[1] = "xyz"[vertical];
 
-  // Lines: in 2D the boundary, in 3D the mesh on the faces that look at the viewer.
+  // Lines: in 2D the boundary, in 3D the outline of the faces that look at the viewer (an edge between two of them is inside).
   const Tag facets = boundary(mesh);
-  std::set<std::array<int, 2>> lines;
+  std::map<std::array<int, 2>, int> uses;  // line to the number of facets that have it
   for (int f = 0; f < facets.count(); ++f) {
     const int* node = facets.entities.data() + static_cast<size_t>(f) * facets.nodes_per_entity;
-    const int corners = d;
     if (d == 3) {
       const Eigen::Vector3d a = mesh.node(node[1]) - mesh.node(node[0]), b = mesh.node(node[2]) - mesh.node(node[0]);
-      if (std::abs(a.cross(b).normalized()[3 - horizontal - vertical]) < 0.7 || a.cross(b)[3 - horizontal - vertical] > 0) continue;
+      if (a.cross(b).normalized()[3 - horizontal - vertical] > -0.7) continue;
     }
-    for (int c = 0; c < (d == 2 ? 1 : corners); ++c) {
-      const int from = node[c], to = node[(c + 1) % corners], mid = facets.nodes_per_entity > corners ? node[corners + c] : -1;
-      auto add = [&](int one, int two) { lines.insert({std::min(one, two), std::max(one, two)}); };
-      if (mid < 0) add(from, to);
-      else add(from, mid), add(mid, to);
+    for (int c = 0; c < (d == 2 ? 1 : 3); ++c) {
+      const int from = node[c], to = node[(c + 1) % d], mid = facets.nodes_per_entity > d ? node[d + c] : -1;
+      auto add = [&](int one, int two) { ++uses[{std::min(one, two), std::max(one, two)}]; };
+      if (mid < 0) {
+        add(from, to);
+      } else {
+        add(from, mid);
+        add(mid, to);
+      }
     }
   }
 
@@ -307,14 +310,16 @@ std::vector<ShapeRecord> make_shapes(const Session& session, const std::string& 
   auto draw = [&](const std::string& label, const Eigen::VectorXd& u) {
     ShapeRecord& shape = shapes.emplace_back();
     shape.label = label;
-    for (const auto& [one, two] : lines) {
+    for (const auto& [line, count] : uses) {
+      if (count > 1) continue;
+      const auto [one, two] = line;
       const Eigen::VectorXd a = mesh.node(one) + u.segment(one * d, d), b = mesh.node(two) + u.segment(two * d, d);
       shape.segments.push_back({a[horizontal], a[vertical], b[horizontal], b[vertical]});
     }
   };
   draw("rest", Eigen::VectorXd::Zero(mesh.X.size()));
   for (const StaticProtocol::Condition& condition : session.bench.protocol->conditions()) {
-    if (!condition.solved) continue;
+    if (condition.report.status != SolveStatus::converged) continue;
     draw(describe_controls(session, condition.controls), condition.u);
     const std::string file = fmt::format("state_{:03}.vtu", files.size());
     write_file((fs::path(folder) / "states" / file).string(), vtu_text(mesh, condition.u));

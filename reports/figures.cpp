@@ -15,15 +15,17 @@ std::string field(const std::string& text) {
   return out + "\"";
 }
 
-std::string field(double value) { return std::isfinite(value) ? fmt::format("{:.10g}", value) : ""; }
+std::string field(double value) {
+  return std::isfinite(value) ? fmt::format("{:.10g}", value) : "";
+}
 
 }  // namespace plot
 
 std::vector<Figure> draw_figures(const RunRecord& record, const std::string& folder) {
   const std::filesystem::path figures = std::filesystem::path(folder) / "figures";
   std::vector<Figure> drawn;
-  for (const auto& figure : {plot::force_displacement, plot::effective_stiffness, plot::residuals, plot::deformed_shapes,
-                             plot::variants}) {
+  for (const auto& figure :
+       {plot::force_displacement, plot::effective_stiffness, plot::residuals, plot::deformed_shapes, plot::variants}) {
     std::optional<plot::Drawing> drawing = figure(record);
     if (!drawing) continue;
     const std::string& name = drawing->figure.name;

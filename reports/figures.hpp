@@ -29,7 +29,9 @@ std::optional<Drawing> variants(const RunRecord& record);
 /// A CSV field; text is quoted when it must be, a number that is not finite is left empty.
 std::string field(const std::string& text);
 std::string field(double value);
-inline std::string field(int value) { return std::to_string(value); }
+inline std::string field(int value) {
+  return std::to_string(value);
+}
 
 /// Fields of any of these types as one line.
 template <class... Fields>

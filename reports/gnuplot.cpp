@@ -18,23 +18,26 @@ constexpr double kCharacter = 7.3;  // average width of a character at the base 
 constexpr double kRow = 19;         // height of a line of the legend [px]
 constexpr double kSample = 34;      // width of the mark before a line of the legend [px]
 
-/// The round number (1, 2 or 5 times a power of ten) nearest above `step`.
+/// A round number (1, 2 or 5 times a power of ten) near `step`.
 double round_step(double step) {
   const double power = std::pow(10.0, std::floor(std::log10(step)));
   for (const double factor : {1.0, 2.0, 5.0}) {
-    if (factor * power >= step * (1 - 1e-9)) return factor * power;
+    if (factor * power >= 0.75 * step) return factor * power;
   }
   return 10 * power;
 }
 
-std::string number(double value) { return std::isfinite(value) ? fmt::format("{:.10g}", value) : "NaN"; }
+std::string number(double value) {
+  return std::isfinite(value) ? fmt::format("{:.10g}", value) : "NaN";
+}
 
 /// "set xtics ..." for one axis.
 std::string tics(char axis, const Axis& a) {
   std::string text = fmt::format("set {0}range [{1}:{2}]\n", axis, number(a.low), number(a.high));
   if (!a.logarithmic) {
     const double first = std::ceil(a.low / a.step - 1e-9) * a.step;
-    return text + fmt::format("unset logscale {0}\nset {0}tics autofreq {1},{2}\n", axis, number(first), number(a.step));
+    return text +
+           fmt::format("unset logscale {0}\nset {0}tics autofreq {1},{2}\n", axis, number(first), number(a.step));
   }
   text += fmt::format("set logscale {0}\nset {0}tics (", axis);
   const bool wide = a.high / a.low > 300;
@@ -110,6 +113,7 @@ std::string shortened(const std::string& text, size_t length) {
 
 Axis axis_over(std::vector<double> values, std::string label, int tics, bool with_zero) {
   std::erase_if(values, [](double v) { return !std::isfinite(v); });
+  const bool at_zero = std::ranges::find(values, 0.0) != values.end();  // something to see there: leave room around it
   if (with_zero) values.push_back(0);
   Axis axis{std::move(label)};
   if (values.empty()) return axis;
@@ -118,8 +122,8 @@ Axis axis_over(std::vector<double> values, std::string label, int tics, bool wit
   const double size = std::max(std::abs(low), std::abs(high));
   if (span <= 1e-6 * size) span = size > 0 ? 0.2 * size : 1;
   const double room = 0.06 * span;
-  axis.low = with_zero && low == 0 ? 0 : std::min(low, high - span / 2) - room;
-  axis.high = with_zero && high == 0 ? 0 : std::max(high, low + span / 2) + room;
+  axis.low = with_zero && low == 0 && !at_zero ? 0 : std::min(low, high - span / 2) - room;
+  axis.high = with_zero && high == 0 && !at_zero ? 0 : std::max(high, low + span / 2) + room;
   if (axis.high <= axis.low) axis.high = axis.low + 1;
   axis.step = round_step((axis.high - axis.low) / std::max(tics, 1));
   return axis;
@@ -151,8 +155,8 @@ double legend_width(const std::vector<LegendEntry>& entries, double limit) {
 
 Page::Page(double width, double height, const std::string& title, const std::string& subtitle, bool simulated)
     : width_(width), height_(height) {
-  marks_ += fmt::format("set label {} at screen {} font ',16' tc rgb '{}'\n", literal(title),
-                        screen(16, height - 22), kBlack);
+  marks_ += fmt::format("set label {} at screen {} font ',16' tc rgb '{}'\n", literal(title), screen(16, height - 22),
+                        kBlack);
   marks_ += fmt::format("set label {} at screen {} font ',12' tc rgb '{}'\n",
                         literal(shortened(subtitle, static_cast<size_t>((width - 30) / kCharacter))),
                         screen(16, height - 44), kGrey);
@@ -218,16 +222,16 @@ void Page::legend(double left, double top, const std::vector<LegendEntry>& entri
         arrow(middle - 4, y + 7, middle + 4, y + 7, "");
         break;
     }
-    marks_ += fmt::format("set label {} at screen {} font ',12' tc rgb '{}'\n",
-                          literal(shortened(entry.label, longest + (marked ? 0 : 4))),
-                          screen(marked ? left + kSample : left, y),
-                          entry.kind == LegendEntry::heading ? kBlack : kGrey);
+    marks_ +=
+        fmt::format("set label {} at screen {} font ',12' tc rgb '{}'\n",
+                    literal(shortened(entry.label, longest + (marked ? 0 : 4))),
+                    screen(marked ? left + kSample : left, y), entry.kind == LegendEntry::heading ? kBlack : kGrey);
     y -= kRow;
   }
 }
 
-void Page::panel(const Box& box, const Axis& x, const Axis& y, const std::string& title,
-                 std::vector<std::string> plots, const std::string& extra) {
+void Page::panel(const Box& box, const Axis& x, const Axis& y, const std::string& title, std::vector<std::string> plots,
+                 const std::string& extra) {
   if (plots.empty()) plots.push_back("NaN");
   panels_ += fmt::format("set lmargin at screen {:.5f}\nset rmargin at screen {:.5f}\n", box.left / width_,
                          box.right / width_);
@@ -261,15 +265,17 @@ std::string Page::script(const std::string& name) const {
   text += fmt::format("set output '{}.'.format\n", name);
   text +=
       "set border 3 lc rgb '#6b6b6b'\nset tics nomirror out scale 0.6\nset grid lc rgb '#dddddd' lw 1 dt solid\n"
-      "set style fill transparent solid 0.22 noborder\nset format '%g'\nset errorbars 0.7\nset pointintervalbox 0\nunset key\n"
-      "set xlabel offset 0,0.2\nset multiplot\n";
+      "set style fill transparent solid 0.22 noborder\nset format '%g'\nset errorbars 0.7\nset pointintervalbox "
+      "0\nunset key\n"
+      "set xlabel offset 0,0.2\nset ylabel offset 1,0\nset multiplot\n";
   text += marks_ + panels_;
   return text + "unset multiplot\nset output\n}\n";
 }
 
 void run_gnuplot(const std::string& folder, const std::string& name) {
   const std::string script = (std::filesystem::path(folder) / (name + ".gp")).string();
-  const std::string command = fmt::format("CDPATH= cd -- {} && gnuplot -d {} 2>&1", shell_quoted(folder), shell_quoted(name + ".gp"));
+  const std::string command =
+      fmt::format("CDPATH= cd -- {} && gnuplot -d {} 2>&1", shell_quoted(folder), shell_quoted(name + ".gp"));
   FILE* pipe = popen(command.c_str(), "r");
   if (pipe == nullptr) throw InputError(fmt::format("{}: gnuplot could not be started; free some memory", script));
   std::string output;
@@ -297,10 +303,10 @@ void run_gnuplot(const std::string& folder, const std::string& name) {
   } else if (!output.empty()) {
     reason = output.substr(0, output.find('\n'));
   }
-  throw InputError(fmt::format(
-      "{}: gnuplot failed ({}); it needs its svg, pdfcairo and pngcairo terminals (Debian and Ubuntu: "
-      "apt-get install gnuplot-nox), then run 'taut report' on the run folder",
-      script, shortened(reason, 160)));
+  throw InputError(
+      fmt::format("{}: gnuplot failed ({}); it needs its svg, pdfcairo and pngcairo terminals (Debian and Ubuntu: "
+                  "apt-get install gnuplot-nox), then run 'taut report' on the run folder",
+                  script, shortened(reason, 160)));
 }
 
 }  // namespace taut::plot

@@ -3,8 +3,8 @@
 #include <string_view>
 #include <vector>
 
-/// What the figures need of gnuplot: a page with panels and a legend, laid out in pixels, so that nothing overlaps in any
-/// format. Used inside reports/ only.
+/// What the figures need of gnuplot: a page with panels and a legend, laid out in pixels, so that nothing overlaps in
+/// any format. Used inside reports/ only.
 namespace taut::plot {
 
 inline constexpr const char* kBlack = "#222222";

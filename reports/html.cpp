@@ -5,19 +5,12 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <regex>
+#include <string_view>
 
 #include "calib/units.hpp"
 
 namespace taut::html {
 namespace {
-
-/// The value of an attribute in an opening tag, or "".
-std::string attribute(const std::string& tag, const std::string& name) {
-  std::smatch found;
-  const std::regex pattern("\\s" + name + "=['\"]([^'\"]*)['\"]");
-  return std::regex_search(tag, found, pattern) ? found[1].str() : "";
-}
 
 void remove_between(std::string& text, const std::string& begin, const std::string& end) {
   for (size_t at = text.find(begin); at != std::string::npos; at = text.find(begin, at)) {
@@ -55,7 +48,9 @@ std::string escaped(const std::string& text) {
   return out;
 }
 
-std::string bare_number(double value) { return std::isfinite(value) ? with_unit(value, "1") : "not known"; }
+std::string bare_number(double value) {
+  return std::isfinite(value) ? with_unit(value, "1") : "not known";
+}
 
 std::string table(const std::vector<std::string>& header, const std::vector<std::vector<std::string>>& rows) {
   const auto is_number = [&](size_t column) { return column < header.size() && header[column].starts_with('#'); };
@@ -86,7 +81,10 @@ std::string inlined(const std::string& svg, const std::string& name, const std::
   const size_t begin = svg.find("<svg");
   const size_t inside = begin == std::string::npos ? begin : svg.find('>', begin);
   if (inside == std::string::npos) return "";
-  const std::string box = attribute(svg.substr(begin, inside - begin), "viewBox");
+  const std::string tag = svg.substr(begin, inside - begin);
+  const size_t box_at = tag.find("viewBox=\"");
+  const std::string box =
+      box_at == std::string::npos ? "" : tag.substr(box_at + 9, tag.find('"', box_at + 9) - box_at - 9);
   std::string body = svg.substr(inside + 1);
   remove_between(body, "<title>", "</title>");
   remove_between(body, "<desc>", "</desc>");
@@ -94,16 +92,20 @@ std::string inlined(const std::string& svg, const std::string& name, const std::
   // gnuplot gives the same ids in every figure, and repeats some of them within one.
   std::map<std::string, int> seen;
   std::string out;
-  static const std::regex pattern(R"(\b(id=['"]|href=['"]#|url\(['"]?#)([^'")]+))");
-  auto rest = body.cbegin();
-  for (std::sregex_iterator it(body.cbegin(), body.cend(), pattern), end; it != end; ++it) {
-    const std::string kind = (*it)[1].str(), id = (*it)[2].str();
-    out.append(rest, it->prefix().second);
-    out += kind + name + "-" + id;
-    if (kind.starts_with("id") && ++seen[id] > 1) out += fmt::format("-{}", seen[id]);
-    rest = it->suffix().first;
+  size_t done = 0;
+  for (size_t at = 0; at < body.size(); ++at) {
+    for (const std::string_view kind : {" id='", " id=\"", "href='#", "href=\"#", "url(#", "url('#"}) {
+      if (body.compare(at, kind.size(), kind) != 0) continue;
+      const size_t name_begin = at + kind.size(), name_end = body.find_first_of("'\")", name_begin);
+      if (name_end == std::string::npos) break;
+      const std::string id = body.substr(name_begin, name_end - name_begin);
+      out += body.substr(done, name_begin - done) + name + "-" + id;
+      if (kind.starts_with(" id") && ++seen[id] > 1) out += fmt::format("-{}", seen[id]);
+      done = at = name_end;
+      break;
+    }
   }
-  out.append(rest, body.cend());
+  out += body.substr(done);
   return fmt::format("<svg viewBox=\"{}\" role=\"img\" aria-label=\"{}\">\n{}", escaped(box), escaped(title), out);
 }
 

@@ -11,8 +11,8 @@ std::string escaped(const std::string& text);
 /// A number of four significant digits, "not known" for NaN.
 std::string bare_number(double value);
 
-/// A table of texts, escaped here. A header that starts with '#' makes its column one of numbers, set to the right; a cell that
-/// starts with '`' is set as code; empty headers only give a table without a head.
+/// A table of texts, escaped here. A header that starts with '#' makes its column one of numbers, set to the right; a
+/// cell that starts with '`' is set as code; empty headers only give a table without a head.
 std::string table(const std::vector<std::string>& header, const std::vector<std::vector<std::string>>& rows);
 
 /// gnuplot's SVG as a part of a page: no prologue, ids made unique by `name`, a title for screen readers.

@@ -97,7 +97,7 @@ struct Grid {
 };
 
 Grid grid_of(size_t count, size_t columns, double legend, double panel_height) {
-  constexpr double left = 72, gap = 50, below = 58, above = 30;
+  constexpr double left = 76, gap = 50, below = 58, above = 30;
   Grid grid;
   const size_t rows = (count + columns - 1) / columns;
   const double row = panel_height + below + above;
@@ -143,18 +143,21 @@ void add_band(Page& page, const Group& group, const Band& band, std::vector<std:
   if (band.middle.empty()) return;
   std::vector<std::vector<double>> around = band.lower;
   around.insert(around.end(), band.upper.rbegin(), band.upper.rend());
-  plots.push_back(
-      fmt::format("{} using 1:2 with filledcurves closed fc rgb '{}'", page.data(around), group.colour));
+  plots.push_back(fmt::format("{} using 1:2 with filledcurves closed fc rgb '{}'", page.data(around), group.colour));
   plots.push_back(fmt::format("{} using 1:2 with lines lw 2 lc rgb '{}'", page.data(band.middle), group.colour));
 }
 
-std::string panel_title(const std::string& channel) { return channel.empty() ? "" : "Channel " + channel; }
+std::string panel_title(const std::string& channel) {
+  return channel.empty() ? "" : "Channel " + channel;
+}
 
 std::string load_axis_label(const RunRecord& record) {
   return (record.load_label.empty() ? "load" : record.load_label) + " [N]";
 }
 
-int tics_for(const Box& box) { return box.right - box.left > 400 ? 8 : 4; }
+int tics_for(const Box& box) {
+  return box.right - box.left > 400 ? 8 : 5;
+}
 
 /// What a group's stiffness is taken over: the displacement, or its increment beyond the unloaded reading.
 struct Unloaded {
@@ -188,11 +191,10 @@ Unloaded unloaded_of(const RunRecord& record, const Group& group) {
 std::optional<Drawing> force_displacement(const RunRecord& record) {
   if (!has_loads(record)) return std::nullopt;
   const Groups groups = groups_of(record);
-  const std::vector<LegendEntry> legend =
-      legend_of(groups, {{LegendEntry::bar_along_x, "± 1 σ of a reading"},
-                         {LegendEntry::heading, "Fitted model"},
-                         {LegendEntry::line, "curve"},
-                         {LegendEntry::band, "its 95 % band"}});
+  const std::vector<LegendEntry> legend = legend_of(groups, {{LegendEntry::bar_along_x, "± 1 σ of a reading"},
+                                                             {LegendEntry::heading, "Fitted model"},
+                                                             {LegendEntry::line, "curve"},
+                                                             {LegendEntry::band, "its 95 % band"}});
   const size_t columns = std::min<size_t>(groups.channels.size(), 3);
   const Grid grid = grid_of(groups.channels.size(), columns, legend_width(legend), kPanelHeight);
   Page page(grid.width, grid.height, "Force and displacement", record.title, record.simulated);
@@ -235,7 +237,8 @@ std::optional<Drawing> force_displacement(const RunRecord& record) {
                panel_title(groups.channels[c]), curves[c]);
   }
   return Drawing{{"force_displacement", "Force and displacement",
-                  "Every reading is a point at the magnitude of its displacement; the bars are one standard deviation to either side. The line is the fitted "
+                  "Every reading is a point at the magnitude of its displacement; the bars are one standard deviation "
+                  "to either side. The line is the fitted "
                   "model, the band around it the 95 % interval of the curve (often thinner than the line). A good fit "
                   "passes through the points within about two bars.",
                   ""},
@@ -307,15 +310,15 @@ std::optional<Drawing> effective_stiffness(const RunRecord& record) {
   }
   if (centres.empty()) return std::nullopt;
 
-  const std::vector<LegendEntry> legend =
-      legend_of(groups, {{LegendEntry::bar_along_y, "± 1 σ, propagated"},
-                         {LegendEntry::heading, "Fitted model"},
-                         {LegendEntry::line, "curve"},
-                         {LegendEntry::band, "its 95 % band"}});
+  const std::vector<LegendEntry> legend = legend_of(groups, {{LegendEntry::bar_along_y, "± 1 σ, propagated"},
+                                                             {LegendEntry::heading, "Fitted model"},
+                                                             {LegendEntry::line, "curve"},
+                                                             {LegendEntry::band, "its 95 % band"}});
   const size_t columns = std::min<size_t>(groups.channels.size(), 3);
   const Grid grid = grid_of(groups.channels.size(), columns, legend_width(legend), kPanelHeight);
-  const std::string title = any_increment && !any_plain ? "Effective stiffness: force per increment beyond self-weight"
-                                                        : "Effective stiffness: force per displacement";
+  const bool increments = any_increment && !any_plain;
+  const std::string title = increments ? "Effective stiffness: force per increment beyond self-weight"
+                                       : "Effective stiffness: force per displacement";
   Page page(grid.width, grid.height, title, record.title, record.simulated);
   page.legend(grid.legend_left, grid.legend_top, legend);
 
@@ -324,7 +327,8 @@ std::optional<Drawing> effective_stiffness(const RunRecord& record) {
   const double room = std::max(0.5 * (high - low), 0.02 * std::max(std::abs(low), std::abs(high)));
   for (double& value : reach) value = std::clamp(value, low - room, high + room);
   const bool logarithmic = low > 0 && high / low > 8;
-  const std::string label = logarithmic ? "force / displacement [N/m], logarithmic" : "force / displacement [N/m]";
+  const std::string label = std::string(increments ? "force / increment" : "force / displacement") + " [N/m]" +
+                            (logarithmic ? ", logarithmic" : "");
   for (double& value : reach) value = logarithmic ? std::clamp(value, low / 1.3, high * 1.3) : value;
   std::vector<std::vector<std::string>> points(groups.channels.size()), curves(groups.channels.size());
   for (size_t g = 0; g < groups.all.size(); ++g) {
@@ -361,7 +365,10 @@ std::optional<Drawing> residuals(const RunRecord& record) {
   legend.push_back({LegendEntry::heading, "Expectation"});
   legend.push_back({LegendEntry::line, "fitted model", kBlack});
   legend.push_back({LegendEntry::band, "95 % if all is right"});
-  const size_t count = groups.channels.size(), columns = std::min<size_t>(count, 3);
+  // Several series in one panel would lie on top of each other.
+  const bool split = groups.series.size() > 1 && groups.all.size() <= 9;
+  const size_t count = split ? groups.all.size() : groups.channels.size();
+  const size_t columns = count == 4 ? 2 : std::min<size_t>(count, 3);
   const size_t blocks = (count + columns - 1) / columns;
   const Grid grid = grid_of(2 * blocks * columns, columns, legend_width(legend), 210);
   Page page(grid.width, grid.height, "What the fitted model misses", record.title, record.simulated);
@@ -370,8 +377,13 @@ std::optional<Drawing> residuals(const RunRecord& record) {
   std::string csv = "channel,series,trial,load_N,residual_mm,sigma_mm,normalised_residual\n";
   std::vector<std::vector<std::string>> above(count), below(count);
   std::vector<std::vector<double>> millimetres(count);
+  std::vector<std::string> names(count);
   std::vector<double> places, scaled = {-2.6, 2.6};
-  for (const Group& group : groups.all) {
+  for (size_t g = 0; g < groups.all.size(); ++g) {
+    const Group& group = groups.all[g];
+    const size_t panel = split ? g : group.panel;
+    names[panel] = panel_title(group.channel);
+    if (split) names[panel] = groups.channels.size() > 1 ? names[panel] + ", " + group.series : group.series;
     std::map<size_t, std::vector<double>> lengths, ratios;
     for (const size_t i : group.readings) {
       const ReadingRecord& r = record.readings[i];
@@ -381,16 +393,16 @@ std::optional<Drawing> residuals(const RunRecord& record) {
       ratios[i] = {place, residual / r.sigma, 1};
       places.push_back(place);
       scaled.insert(scaled.end(), {residual / r.sigma - 1, residual / r.sigma + 1});
-      millimetres[group.panel].insert(millimetres[group.panel].end(),
-                                      {(residual - r.sigma) / kMillimetre, (residual + r.sigma) / kMillimetre});
+      millimetres[panel].insert(millimetres[panel].end(),
+                                {(residual - r.sigma) / kMillimetre, (residual + r.sigma) / kMillimetre});
       csv += line(r.channel, group.series, r.trial,
                   loads_known ? record.load_newtons[i] : std::numeric_limits<double>::quiet_NaN(),
                   residual / kMillimetre, r.sigma / kMillimetre, residual / r.sigma);
     }
-    add_points(page, record, groups, group, lengths, "yerrorbars", above[group.panel]);
-    add_points(page, record, groups, group, ratios, "yerrorbars", below[group.panel]);
+    add_points(page, record, groups, group, lengths, "yerrorbars", above[panel]);
+    add_points(page, record, groups, group, ratios, "yerrorbars", below[panel]);
   }
-  // Channels of like size share their scale, so that they can be compared at a glance.
+  // Panels of like size share their scale, so that they can be compared at a glance.
   double smallest = std::numeric_limits<double>::infinity(), largest = 0;
   std::vector<double> together;
   for (const std::vector<double>& values : millimetres) {
@@ -402,31 +414,30 @@ std::optional<Drawing> residuals(const RunRecord& record) {
   }
   const bool common = largest < 5 * smallest;
   const std::string x_label = loads_known ? load_axis_label(record) : "reading";
-  const std::string zero_line = fmt::format("set arrow from graph 0, first 0 to graph 1, first 0 nohead lw 1.5 lc rgb '{}'\n",
-                                            kBlack);
-  const std::string expected =
-      fmt::format("set object rectangle from graph 0, first -2 to graph 1, first 2 behind fs transparent solid 0.18 "
-                  "noborder fc rgb '{}'\n",
-                  kGrey);
+  const std::string zero_line =
+      fmt::format("set arrow from graph 0, first 0 to graph 1, first 0 nohead lw 1.5 lc rgb '{}'\n", kBlack);
+  const std::string expected = fmt::format(
+      "set object rectangle from graph 0, first -2 to graph 1, first 2 behind fs transparent solid 0.18 "
+      "noborder fc rgb '{}'\n",
+      kGrey);
   for (size_t c = 0; c < count; ++c) {
     const size_t upper = (c / columns) * 2 * columns + c % columns, lower = upper + columns;
     const bool first = c % columns == 0;
     const Box& box = grid.boxes[upper];
-    const std::string name = panel_title(groups.channels[c]);
     page.panel(box, axis_over(places, x_label, tics_for(box), true),
-               axis_over(common ? together : millimetres[c], first ? "measured − fitted [mm]" : "", 5, true),
-               name, above[c], zero_line);
+               axis_over(common ? together : millimetres[c], first ? "measured − fitted [mm]" : "", 5, true), names[c],
+               above[c], zero_line);
     page.panel(grid.boxes[lower], axis_over(places, x_label, tics_for(box), true),
-               axis_over(scaled, first ? "(measured − fitted) / σ" : "", 6, true),
-               name, below[c],
+               axis_over(scaled, first ? "(measured − fitted) / σ" : "", 6, true), names[c], below[c],
                expected + zero_line);
   }
-  return Drawing{{"residuals", "What the fitted model misses",
-                  "Above in millimetres, below in standard deviations of the reading. If the model and the declared "
-                  "standard deviations are right, about 95 % of the points below lie in the grey band, without a trend.",
-                  ""},
-                 csv,
-                 page};
+  return Drawing{
+      {"residuals", "What the fitted model misses",
+       "Above in millimetres, below in standard deviations of the reading. If the model and the declared "
+       "standard deviations are right, about 95 % of the points below lie in the grey band, without a trend.",
+       ""},
+      csv,
+      page};
 }
 
 }  // namespace taut::plot

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <regex>
 
 #include "calib/units.hpp"
 #include "reports/figures.hpp"
@@ -41,17 +40,19 @@ td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space:
 td.hash { font-family: ui-monospace, Menlo, Consolas, monospace; font-size: .75rem; overflow-wrap: anywhere; }
 figure { margin: 1.6rem 0; }
 figure svg { width: 100%; height: auto; display: block; }
-figcaption { color: #555; font-size: .92rem; max-width: 46rem; }
+figcaption { margin-top: .6rem; color: #555; font-size: .92rem; max-width: 46rem; }
 code { font-family: ui-monospace, Menlo, Consolas, monospace; font-size: .85em; overflow-wrap: anywhere; }
 @media print { body { font-size: 10.5pt; max-width: none; padding: 0; } h2 { break-after: avoid; }
-  figure, tr, .answer { break-inside: avoid; } .banner { color: #000; border: 2px solid #d55e00; } }
+  .scroll { overflow: visible; } table { font-size: 8pt; } figure, tr, .answer { break-inside: avoid; } .banner { color: #000; border: 2px solid #d55e00; } }
 )";
 
 std::string paragraph(const std::string& text, const char* kind = "") {
   return fmt::format("<p{}>{}</p>\n", *kind ? fmt::format(" class=\"{}\"", kind) : "", escaped(text));
 }
 
-std::string percent(double ratio) { return fmt::format("{:+.1f} %", 100 * ratio); }
+std::string percent(double ratio) {
+  return std::isfinite(ratio) ? fmt::format("{:+.1f} %", 100 * ratio) : "not known";
+}
 
 /// Probabilities as people write them.
 std::string probability(double p) {
@@ -79,15 +80,34 @@ struct Shown {
     return number(value) + (unit.name.empty() || !std::isfinite(value) ? "" : " " + unit.name);
   }
   std::string interval(const ParameterEstimate& estimate) const {
-    if (!estimate.lower95 && !estimate.upper95) return "open on both sides";
-    if (!estimate.lower95) return "open to " + with_unit(*estimate.upper95);
-    if (!estimate.upper95) return with_unit(*estimate.lower95) + " to open";
-    return number(*estimate.lower95) + " to " + with_unit(*estimate.upper95);
+    const std::optional<double>&lower = estimate.lower95, &upper = estimate.upper95;
+    if (!lower && !upper) return "open on both sides";
+    // An end so near to zero that the common digits would leave nothing of it gets its own.
+    const auto vanishes = [&](const std::optional<double>& end) {
+      return end && *end != 0 && std::abs(*end / unit.factor) < std::pow(10.0, 1 - decimals);
+    };
+    const bool own = vanishes(lower) || vanishes(upper);
+    const auto text = [&](double end) { return own ? taut::with_unit(end, estimate.spec.unit, 3) : with_unit(end); };
+    if (!lower) return "open to " + text(*upper);
+    if (!upper) return text(*lower) + " to open";
+    return (own ? text(*lower) : number(*lower)) + " to " + text(*upper);
   }
 };
 
-double misfit_ratio(const FitResult& fit) { return fit.dof > 0 ? fit.chi_squared / fit.dof : NAN; }
-bool fits(const FitResult& fit) { return fit.chi_squared_p >= 0.05; }
+std::string bound(double value, const std::string& unit) {
+  return std::isfinite(value) ? with_unit(value, unit) : "no limit";
+}
+
+double misfit_ratio(const FitResult& fit) {
+  return fit.dof > 0 ? fit.chi_squared / fit.dof : NAN;
+}
+/// There are more readings than parameters, and a result.
+bool can_judge(const FitResult& fit) {
+  return fit.dof > 0 && std::isfinite(fit.chi_squared);
+}
+bool fits(const FitResult& fit) {
+  return fit.chi_squared_p >= 0.05;
+}
 
 /// By how much the results of the variants differ from parameter `p` of the fit: lowest and highest ratio - 1.
 std::optional<std::pair<double, double>> spread(const RunRecord& record, size_t p) {
@@ -96,6 +116,7 @@ std::optional<std::pair<double, double>> spread(const RunRecord& record, size_t 
   for (const VariantRecord& variant : record.variants) {
     if (p >= variant.values.size() || !std::isfinite(variant.values[p]) || value == 0) continue;
     const double ratio = variant.values[p] / value - 1;
+    if (!std::isfinite(ratio)) continue;
     range = range ? std::pair(std::min(range->first, ratio), std::max(range->second, ratio)) : std::pair(ratio, ratio);
   }
   return range;
@@ -116,25 +137,26 @@ std::string summary(const RunRecord& record) {
                                  shown.interval(estimate), name_of(estimate.verdict)),
                      "number");
   }
-  if (fit.dof > 0 && fits(fit)) {
+  if (can_judge(fit) && fits(fit)) {
     out += paragraph("The model fits the readings within their declared noise.");
-  } else if (fit.dof > 0) {
+  } else if (can_judge(fit)) {
     out += paragraph(
         fmt::format("The model does not fit within the declared noise: it misses the readings by {:.1f} standard "
-                    "deviations on average, so the interval above is too narrow to cover everything that is wrong.",
+                    "deviations (root mean square). The interval counts that noise only, not what the model lacks.",
                     std::sqrt(misfit_ratio(fit))));
   }
   for (size_t p = 0; p < fit.parameters.size(); ++p) {
     const ParameterEstimate& estimate = fit.parameters[p];
     if (const auto range = spread(record, p)) {
       out += paragraph(range->first == range->second
-                           ? fmt::format("Another mesh or element gives {} for {}.", percent(range->first),
-                                         estimate.spec.id)
-                           : fmt::format("Other meshes and elements move {} by {} to {}.", estimate.spec.id,
-                                         percent(range->first), percent(range->second)));
+                           ? fmt::format("Another mesh moves {} by {}.", estimate.spec.id, percent(range->first))
+                           : fmt::format("Other meshes move {} by {} to {}.", estimate.spec.id, percent(range->first),
+                                         percent(range->second)));
     }
     for (const ReferenceRecord& reference : record.references) {
-      if (reference.parameter != estimate.spec.id || reference.value == 0) continue;
+      if (reference.parameter != estimate.spec.id || reference.value == 0 || !std::isfinite(estimate.value)) {
+        continue;
+      }
       out += paragraph(fmt::format("{} differs by {} from {} ({}).", estimate.spec.id,
                                    percent(estimate.value / reference.value - 1),
                                    with_unit(reference.value, estimate.spec.unit), reference.source));
@@ -152,7 +174,7 @@ std::string parameter_section(const RunRecord& record) {
     rows.push_back({estimate.spec.id, estimate.spec.meaning, shown.with_unit(estimate.value),
                     shown.with_unit(estimate.standard_error), shown.interval(estimate),
                     std::string(name_of(estimate.verdict)), with_unit(estimate.start, unit),
-                    with_unit(estimate.lower, unit) + " to " + with_unit(estimate.upper, unit)});
+                    bound(estimate.lower, unit) + " to " + bound(estimate.upper, unit)});
     if (!estimate.explanation.empty()) {
       explanations += fmt::format("<p><b>{}</b>: {}</p>\n", escaped(estimate.spec.id), escaped(estimate.explanation));
     }
@@ -162,9 +184,10 @@ std::string parameter_section(const RunRecord& record) {
                 "#Allowed in the fit"},
                rows) +
          explanations +
-         paragraph("\"Open\" means that the readings set no limit on that side. Standard errors and intervals come from "
-                   "the declared standard deviations of the readings alone; they know nothing of a wrong model, a wrong "
-                   "length or a coarse mesh.");
+         paragraph(
+             "\"Open\" means that the readings set no limit on that side. Standard errors and intervals come from "
+             "the declared standard deviations of the readings alone; they know nothing of a wrong model, a wrong "
+             "length or a coarse mesh.");
 }
 
 std::string figure_html(const std::vector<Figure>& figures, const std::string& name) {
@@ -179,40 +202,45 @@ std::string figure_html(const std::vector<Figure>& figures, const std::string& n
 std::string goodness_of_fit(const RunRecord& record) {
   const FitResult& fit = record.fit;
   std::string out = "<h2>Does the model fit?</h2>\n";
+  if (!std::isfinite(fit.chi_squared)) return out + paragraph("There is no result to judge.");
   if (fit.dof <= 0) return out + paragraph("There are as many parameters as readings, so this cannot be judged.");
   const double ratio = misfit_ratio(fit);
-  out += paragraph(fmt::format("Chi squared is {} for {} degrees of freedom, {} per degree (about 1 is expected). If model "
-                               "and standard deviations were right, a value this large would come up with probability {}.",
-                               bare_number(fit.chi_squared), fit.dof, bare_number(ratio),
-                               probability(fit.chi_squared_p)));
+  out += paragraph(
+      fmt::format("Chi squared is {} for {} degrees of freedom, {} per degree (about 1 is expected). If model "
+                  "and standard deviations were right, a value this large would come up with probability {}.",
+                  bare_number(fit.chi_squared), fit.dof, bare_number(ratio), probability(fit.chi_squared_p)));
   if (!fits(fit)) {
     const std::string widened = fmt::format("{:.1f}", std::sqrt(ratio));
-    out += paragraph(fmt::format("So the readings lie farther from the curve than their standard deviations explain. "
-                                 "Either those were declared too small or the model lacks something. The intervals count the "
-                                 "declared standard deviations only; if all of the misfit were random, they would be {} "
-                                 "times as wide, and if it is not, no width makes up for it.",
-                                 widened),
-                     "warning");
+    out += paragraph(
+        fmt::format("So the readings lie farther from the curve than their standard deviations explain. "
+                    "Either those were declared too small or the model lacks something. The intervals count the "
+                    "declared standard deviations only; if all of the misfit were random, they would be {} "
+                    "times as wide, and if it is not, no width makes up for it.",
+                    widened),
+        "warning");
   } else if (ratio < 0.5) {
-    out += paragraph("That is smaller than expected: the declared standard deviations look too large, and the intervals "
-                     "with them.");
+    out += paragraph(
+        "That is smaller than expected: the declared standard deviations look too large, and the intervals "
+        "with them.");
   }
   const LackOfFit& lack = fit.lack_of_fit;
   if (lack.available) {
-    out += paragraph(fmt::format("Repeats tell the two apart: the curve misses the means of the repeats {} times as much (in "
-                                 "squares) as the scatter of the repeats explains (F = {} with {} and {} degrees of freedom, "
-                                 "probability {}).",
-                                 bare_number(lack.F), bare_number(lack.F), lack.lack_of_fit_dof, lack.pure_error_dof,
-                                 probability(lack.p_value)));
-    out += paragraph(lack.p_value < 0.05
-                         ? "That is more than chance: the model itself misses something that repeats agree on, such as a "
-                           "wrong dimension, a clamp that gives, another material law. More repeats will not help."
-                         : "That is within chance: what the model misses looks like the scatter between repeats.");
+    out += paragraph(
+        fmt::format("Repeats tell the two apart: the curve misses the means of the repeats {:.3g} times as much (in "
+                    "squares) as the scatter of the repeats explains (F = {:.4g} with {} and {} degrees of freedom, "
+                    "probability {}).",
+                    lack.F, lack.F, lack.lack_of_fit_dof, lack.pure_error_dof, probability(lack.p_value)));
+    out +=
+        paragraph(lack.p_value < 0.05
+                      ? "That is more than chance: the model itself misses something that repeats agree on, such as a "
+                        "wrong dimension, a clamp that gives, another material law. More repeats will not help."
+                      : "That is within chance: what the model misses looks like the scatter between repeats.");
     const double scatter = lack.pure_error_dof > 0 ? lack.pure_error / lack.pure_error_dof : NAN;
     if (scatter > 2 || scatter < 0.3) {
-      out += paragraph(fmt::format("Repeats scatter {:.1f} times as much as the declared standard deviations say; declare "
-                                   "{} ones.",
-                                   std::sqrt(scatter), scatter > 2 ? "larger" : "smaller"));
+      out +=
+          paragraph(fmt::format("Repeats scatter {:.1f} times as much as the declared standard deviations say; declare "
+                                "{} ones.",
+                                std::sqrt(scatter), scatter > 2 ? "larger" : "smaller"));
     }
   } else {
     out += paragraph("There are no repeats to tell noise from a wrong model; measure some conditions twice or more.");
@@ -226,11 +254,12 @@ std::string goodness_of_fit(const RunRecord& record) {
   if (!record.readings.empty()) {
     const ReadingRecord& far = *std::ranges::max_element(record.readings, farther);
     const ReadingRecord& odd = *std::ranges::max_element(record.readings, odder);
-    out += paragraph(fmt::format(
-        "The largest residual is {:.3g} mm (line {} of the data, channel {}); measured in its own standard deviation it is "
-        "{:.1f} at line {}, channel {}.",
-        1e3 * (far.measured - far.predicted), far.line, far.channel, (odd.measured - odd.predicted) / odd.sigma,
-        odd.line, odd.channel));
+    out +=
+        paragraph(fmt::format("The largest residual is {:.3g} mm (line {} of the data, channel {}); measured in its "
+                              "own standard deviation it is "
+                              "{:.1f} at line {}, channel {}.",
+                              1e3 * (far.measured - far.predicted), far.line, far.channel,
+                              (odd.measured - odd.predicted) / odd.sigma, odd.line, odd.channel));
   }
   return out;
 }
@@ -242,7 +271,7 @@ std::string mesh_section(const RunRecord& record, const std::vector<Figure>& fig
     out += "<h2>What the mesh does to the number</h2>\n";
     std::vector<std::string> header = {"Fit", "Mesh", "#Unknowns"};
     for (const ParameterEstimate& estimate : parameters) {
-      header.insert(header.end(), {"#" + estimate.spec.id, "#Standard error", "#Against this fit"});
+      header.insert(header.end(), {"#" + estimate.spec.id + " ± standard error", "#Change"});
     }
     header.insert(header.end(), {"#Chi squared", "#Time", "Status"});
     std::vector<std::vector<std::string>> rows;
@@ -253,7 +282,7 @@ std::string mesh_section(const RunRecord& record, const std::vector<Figure>& fig
         const double value = p < variant.values.size() ? variant.values[p] : NAN;
         const double se = p < variant.standard_errors.size() ? variant.standard_errors[p] : NAN;
         const Shown shown(parameters[p]);
-        row.insert(row.end(), {shown.with_unit(value), shown.with_unit(se),
+        row.insert(row.end(), {std::isfinite(value) ? shown.number(value) + " ± " + shown.with_unit(se) : "no result",
                                main || !std::isfinite(value) ? "" : percent(value / parameters[p].value - 1)});
       }
       row.insert(row.end(), {bare_number(variant.chi_squared), with_unit(variant.seconds, "s", 3), variant.status});
@@ -303,23 +332,33 @@ std::string correlation_section(const RunRecord& record) {
     rows.push_back(row);
   }
   return "<h2>How the parameters hang together</h2>\n" + table(header, rows) +
-         paragraph("Correlation of the estimates. Near +1 or -1, the readings fix a combination of two parameters but "
-                   "not each of them.");
+         paragraph(
+             "Correlation of the estimates. Near +1 or -1, the readings fix a combination of two parameters but "
+             "not each of them.");
 }
 
 std::string readings_section(const RunRecord& record) {
   std::vector<std::string> header = {"#Line", "Trial", "Channel"};
-  for (size_t c = 0; c < record.control_ids.size(); ++c) header.push_back("#" + record.control_ids[c]);
+  std::vector<double> factors;
+  for (size_t c = 0; c < record.control_ids.size(); ++c) {
+    double largest = 0;
+    for (const ReadingRecord& r : record.readings) largest = std::max(largest, std::abs(r.controls.at(c)));
+    const DisplayUnit unit = display_unit(largest, record.control_units.at(c));
+    factors.push_back(unit.factor);
+    const bool pure = unit.name.empty() || unit.name == "1";
+    header.push_back("#" + record.control_ids[c] + (pure ? "" : " [" + unit.name + "]"));
+  }
   header.insert(header.end(), {"#Measured [mm]", "#σ [mm]", "#Fitted [mm]", "#Residual [mm]", "#Residual / σ"});
   std::vector<std::vector<std::string>> rows;
   for (const ReadingRecord& r : record.readings) {
     std::vector<std::string> row = {std::to_string(r.line), r.trial, r.channel};
-    for (size_t c = 0; c < record.control_ids.size(); ++c) {
-      row.push_back(c < r.controls.size() ? with_unit(r.controls[c], record.control_units.at(c)) : "");
-    }
-    const auto mm = [](double metres) { return fmt::format("{:.3f}", 1e3 * metres); };
-    row.insert(row.end(), {mm(r.measured), mm(r.sigma), mm(r.predicted), mm(r.measured - r.predicted),
-                           fmt::format("{:+.2f}", (r.measured - r.predicted) / r.sigma)});
+    for (size_t c = 0; c < factors.size(); ++c) row.push_back(fmt::format("{:.5g}", r.controls[c] / factors[c]));
+    const double residual = r.measured - r.predicted;
+    const auto mm = [](double metres) {
+      return std::isfinite(metres) ? fmt::format("{:.3f}", 1e3 * metres) : std::string("not known");
+    };
+    row.insert(row.end(), {mm(r.measured), mm(r.sigma), mm(r.predicted), mm(residual),
+                           std::isfinite(residual) ? fmt::format("{:+.2f}", residual / r.sigma) : "not known"});
     rows.push_back(row);
   }
   return "<h2>Every reading</h2>\n" + table(header, rows);

@@ -22,9 +22,13 @@ constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 // ---- writing
 
-Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
+Json number(double value) {
+  return std::isfinite(value) ? Json(value) : Json(nullptr);
+}
 
-Json number(const std::optional<double>& value) { return value ? number(*value) : Json(nullptr); }
+Json number(const std::optional<double>& value) {
+  return value ? number(*value) : Json(nullptr);
+}
 
 template <class Values>
 Json numbers(const Values& values) {
@@ -166,7 +170,8 @@ Json provenance_json(const Provenance& provenance) {
           {"seed", provenance.seed}};
 }
 
-/// What fits on a line stands on a line; the rest one member per line. Text that is not UTF-8 gets replacement characters.
+/// What fits on a line stands on a line; the rest one member per line. Text that is not UTF-8 gets replacement
+/// characters.
 void print(const Json& json, const std::string& indent, std::string& out) {
   const std::string flat = json.dump(-1, ' ', false, Json::error_handler_t::replace);
   if (!json.is_structured() || json.empty() || flat.size() + indent.size() <= 110) {
@@ -205,8 +210,7 @@ class Entry {
     const auto found = json_.find(key);
     const std::string path = key_.empty() ? key : key_ + "." + key;
     if (found == json_.end()) {
-      throw InputError(
-          fmt::format("{}: the key '{}' is missing; restore the file or run the fit again", file_, path));
+      throw InputError(fmt::format("{}: the key '{}' is missing; restore the file or run the fit again", file_, path));
     }
     return {*found, file_, path};
   }
@@ -323,9 +327,9 @@ ParameterEstimate read_parameter(const Entry& entry, const Entry& scale) {
   estimate.standard_error = entry.at("standard_error").number();
   estimate.lower95 = entry.at("interval95").at(0, 2).optional();
   estimate.upper95 = entry.at("interval95").at(1, 2).optional();
-  estimate.verdict = entry.at("verdict").one_of<Verdict>({Verdict::well_determined, Verdict::weakly_determined,
-                                                          Verdict::bounded_from_one_side, Verdict::tied,
-                                                          Verdict::invisible});
+  estimate.verdict =
+      entry.at("verdict").one_of<Verdict>({Verdict::well_determined, Verdict::weakly_determined,
+                                           Verdict::bounded_from_one_side, Verdict::tied, Verdict::invisible});
   estimate.explanation = entry.at("explanation").text();
   estimate.start = entry.at("start").number();
   estimate.lower = entry.at("bounds").at(0, 2).number(-kInfinity);
@@ -341,8 +345,7 @@ void read_fit(const Entry& root, RunRecord& record) {
   const Entry fit = root.at("fit");
   const std::vector<Entry> parameters = root.at("parameters").list();
   for (size_t i = 0; i < parameters.size(); ++i) {
-    result.parameters.push_back(
-        read_parameter(parameters[i], fit.at("covariance_scale").at(i, parameters.size())));
+    result.parameters.push_back(read_parameter(parameters[i], fit.at("covariance_scale").at(i, parameters.size())));
   }
   result.chi_squared = fit.at("chi_squared").number();
   result.dof = fit.at("dof").integer();

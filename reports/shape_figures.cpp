@@ -30,7 +30,7 @@ std::optional<Drawing> deformed_shapes(const RunRecord& record) {
   Axis x = axis_over(xs, record.shape_axes[0] + " [mm]", 8, false);
   Axis y = axis_over(ys, record.shape_axes[1] + " [mm]", 5, false);
   // Equal scales: the box takes the data's proportions, and a lean figure gets room at its sides.
-  constexpr double left = 72, below = 58, above = 26;
+  constexpr double left = 76, below = 58, above = 26;
   const double legend_left = kPageWidth - legend_width(legend) - 8;
   const double across = legend_left - 24 - left;
   const double rows = 19.0 * static_cast<double>(legend.size()) + 20;
@@ -45,8 +45,7 @@ std::optional<Drawing> deformed_shapes(const RunRecord& record) {
   widen(y, scale * tall);
   y.step = x.step = std::min(x.step, 2 * y.step);
 
-  Page page(kPageWidth, kTitle + above + tall + below, "Deformed shapes, to scale", record.title,
-                  record.simulated);
+  Page page(kPageWidth, kTitle + above + tall + below, "Deformed shapes, to scale", record.title, record.simulated);
   page.legend(legend_left, below + tall - 6, legend);
   std::string csv = "shape,x0_mm,y0_mm,x1_mm,y1_mm\n";
   std::vector<std::string> plots;
@@ -59,16 +58,16 @@ std::optional<Drawing> deformed_shapes(const RunRecord& record) {
       csv += line(record.shapes[i].label, mm[0], mm[1], mm[2], mm[3]);
     }
     if (rows_of_shape.empty()) continue;
-    plots.push_back(
-        fmt::format("{} using 1:2 with lines lw 1.8 lc rgb '{}'", page.data(rows_of_shape), colours[i]));
+    plots.push_back(fmt::format("{} using 1:2 with lines lw 1.8 lc rgb '{}'", page.data(rows_of_shape), colours[i]));
   }
   page.panel({left, below, left + across, below + tall}, x, y, "", plots);
-  return Drawing{{"deformed_shapes", "Deformed shapes, to scale",
-                  "Outline of the specimen as the fitted model has it, seen from the side, with equal scales along both "
-                  "axes. Compare it with a photograph taken at the bench.",
-                  ""},
-                 csv,
-                 page};
+  return Drawing{
+      {"deformed_shapes", "Deformed shapes, to scale",
+       "Outline of the specimen as the fitted model has it, seen from the side, with equal scales along both "
+       "axes. Compare it with a photograph taken at the bench.",
+       ""},
+      csv,
+      page};
 }
 
 std::optional<Drawing> variants(const RunRecord& record) {
@@ -81,8 +80,7 @@ std::optional<Drawing> variants(const RunRecord& record) {
   size_t longest = 0, row_count = 0;
   for (size_t p = 0; p < record.fit.parameters.size(); ++p) {
     const ParameterEstimate& estimate = record.fit.parameters[p];
-    std::vector<Row> rows = {{"main",
-                              "▶ " + (record.main.name.empty() ? std::string("this fit") : record.main.name),
+    std::vector<Row> rows = {{"main", "▶ " + (record.main.name.empty() ? std::string("this fit") : record.main.name),
                               estimate.value, estimate.standard_error}};
     for (const VariantRecord& v : record.variants) {
       const double nan = std::numeric_limits<double>::quiet_NaN();
@@ -94,7 +92,7 @@ std::optional<Drawing> variants(const RunRecord& record) {
       if (r.parameter == estimate.spec.id) rows.push_back({"reference", r.source, r.value, 0});
     }
     for (Row& row : rows) {
-      row.name = shortened(row.name, 46);
+      row.name = shortened(row.name, 50);
       longest = std::max(longest, length_of(row.name));
     }
     row_count += rows.size();
@@ -109,8 +107,9 @@ std::optional<Drawing> variants(const RunRecord& record) {
   const double legend_left = kPageWidth - legend_width(legend) - 8;
   const double height = kTitle + row_height * static_cast<double>(row_count) +
                         static_cast<double>(panels.size()) * (below + above + row_height / 2) + 20;
-  Page page(kPageWidth, height, record.variants.empty() ? "This fit and reference values" : "Effect of the mesh, and reference values",
-                  record.title, record.simulated);
+  Page page(kPageWidth, height,
+            record.variants.empty() ? "This fit and reference values" : "Effect of the mesh, and reference values",
+            record.title, record.simulated);
   page.legend(legend_left, height - kTitle - above - 6, legend);
 
   std::string csv = "parameter,unit,kind,name,value,standard_error\n";
@@ -148,20 +147,21 @@ std::optional<Drawing> variants(const RunRecord& record) {
     add("main", " using 1:2:3 with xerrorbars pt 7 ps 1.2 lw 2", colour(0));
     const bool pure = unit.name.empty() || unit.name == "1";
     const std::string name = estimate.spec.id + (pure ? "" : " [" + unit.name + "]");
-    const auto [low, high] = shown.empty() ? std::pair(1.0, 1.0) : std::pair(std::ranges::min(shown), std::ranges::max(shown));
-    const Axis x = low > 0 && high / low > 20 ? logarithmic_axis_over(shown, name)
-                                              : axis_over(shown, name, 6, false);
+    const auto [low, high] =
+        shown.empty() ? std::pair(1.0, 1.0) : std::pair(std::ranges::min(shown), std::ranges::max(shown));
+    const Axis x = low > 0 && high / low > 20 ? logarithmic_axis_over(shown, name) : axis_over(shown, name, 6, false);
     const Axis rows{"", 0.4, static_cast<double>(panels[p].size()) + 0.6, 1};
     page.panel({left, bottom, legend_left - 24, top}, x, rows, "", plots, extra);
     top = bottom - below - above;
   }
-  return Drawing{{"variants", "Effect of the mesh, and reference values",
-                  "The same fit with other elements and meshes (open circles) beside this one (filled circle). If the "
-                  "circles move by more than their bars, the mesh is part of the number and must be told with it. Dashed "
-                  "lines are the reference values.",
-                  ""},
-                 csv,
-                 page};
+  return Drawing{
+      {"variants", "Effect of the mesh, and reference values",
+       "The same fit with other elements and meshes (open circles) beside this one (filled circle). If the "
+       "circles move by more than their bars, the mesh is part of the number and must be told with it. Dashed "
+       "lines are the reference values.",
+       ""},
+      csv,
+      page};
 }
 
 }  // namespace taut::plot

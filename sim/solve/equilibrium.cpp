@@ -301,7 +301,7 @@ const SolveReport& Equilibrium::solve(const Params& p) {
       if (!std::isfinite(out.energy)) break;  // shorter steps start from the same state
     }
     step *= 0.5;
-    if (step < smallest_step) {
+    if (step < smallest_step || report_.iterations >= options_.max_total_iterations) {
       if (report_.status != SolveStatus::not_a_minimum) report_.status = SolveStatus::load_step_limit;
       break;
     }

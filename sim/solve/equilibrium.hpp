@@ -23,9 +23,10 @@ std::string_view name_of(SolveStatus status);
 
 /// How an equilibrium is searched. The defaults serve statics with stiffness ratios up to 1e6.
 struct EquilibriumOptions {
-  int max_iterations = 40;       ///< Newton iterations per load step before the step is halved; four times as many after buckling
+  int max_iterations = 40;       ///< Newton iterations per load step before it is halved; after buckling 4 times this
   double step_tolerance = 1e-9;  ///< largest component of the last Newton step, relative to the bounding-box diagonal
   int max_halvings = 10;         ///< smallest load step is 2^-max_halvings of the whole
+  int max_total_iterations = 400;  ///< over all load steps of one solve
   bool always_project = false;   ///< for comparison only: project the Hessian in every iteration
   bool check_minimum = true;     ///< leave saddle points (buckling) and say so
   const std::atomic<bool>* stop = nullptr;  ///< raised by another thread or a signal handler: end soon

@@ -51,8 +51,8 @@ void expect_gradient_by_slope(const Channel& channel, const Eigen::VectorXd& u, 
   for (int k = 0; k < 3; ++k) {
     const Eigen::VectorXd v = random_vector(u.size(), random);
     expect_taylor_order(
-        [&](double h) { return std::abs(channel.value(u + h * v) - channel.value(u) - h * gradient.dot(v)); }, 2, 1e-16, size,
-        6, what);
+        [&](double h) { return std::abs(channel.value(u + h * v) - channel.value(u) - h * gradient.dot(v)); }, 2, 1e-16,
+        size, 6, what);
   }
 }
 
@@ -81,7 +81,8 @@ TEST(MarkerChannel, IsExactForRigidMotions) {
       const Eigen::VectorXd t = some(marker.d, 0.02, -0.03, 0.05);
       const Eigen::VectorXd point = marker.foot_point + marker.standoff;
       const double expected = marker.direction.normalized().dot(R * point + t - point);
-      EXPECT_NEAR(marker.channel->value(rigid_motion(marker.mesh, R, t)), expected, 5e-16) << name_of(shape) << " " << angle;
+      EXPECT_NEAR(marker.channel->value(rigid_motion(marker.mesh, R, t)), expected, 5e-16)
+          << name_of(shape) << " " << angle;
     }
   }
 }
@@ -93,7 +94,8 @@ TEST(MarkerChannel, GradientIsThatOfItsValueAtFiniteRotations) {
       const Eigen::VectorXd u =
           rigid_motion(marker.mesh, rotation(marker.d, angle), Eigen::VectorXd::Constant(marker.d, 0.01)) +
           random_state(marker.mesh, 0.1, 0.02, 6);
-      expect_gradient_by_slope(*marker.channel, u, 5e-4, std::string(name_of(shape)) + " turned by " + std::to_string(angle));
+      expect_gradient_by_slope(*marker.channel, u, 5e-4,
+                               std::string(name_of(shape)) + " turned by " + std::to_string(angle));
     }
   }
 }
@@ -115,12 +117,14 @@ TEST(MarkerChannel, AStandoffAboveATiltingFaceMovesAgainstTheTilt) {
   // A face with normal y turned anticlockwise by a small angle carries a marker above it to the left.
   const Mesh mesh = rectangle(graded(0.1, 4), graded(0.02, 2), 2, "body");
   const double angle = 0.01;
-  const auto channel = make_marker_channel(mesh, locate(mesh, vec({0.05, 0.02})), vec({0, 0.03}), mesh.select("ymax"), vec({2, 0}));
+  const auto channel =
+      make_marker_channel(mesh, locate(mesh, vec({0.05, 0.02})), vec({0, 0.03}), mesh.select("ymax"), vec({2, 0}));
   const Eigen::VectorXd pivot = vec({0.05, 0.02});
   const Eigen::MatrixXd R = rotation(2, angle);
   const double value = channel->value(rigid_motion(mesh, R, pivot - R * pivot));
   EXPECT_NEAR(value, -0.03 * std::sin(angle), 1e-16);
-  const auto opposite = make_marker_channel(mesh, locate(mesh, vec({0.05, 0.02})), vec({0, 0.03}), mesh.select("ymax"), vec({-1, 0}));
+  const auto opposite =
+      make_marker_channel(mesh, locate(mesh, vec({0.05, 0.02})), vec({0, 0.03}), mesh.select("ymax"), vec({-1, 0}));
   EXPECT_NEAR(opposite->value(rigid_motion(mesh, R, pivot - R * pivot)), 0.03 * std::sin(angle), 1e-16);
 }
 
@@ -137,14 +141,19 @@ TEST(MarkerChannel, APatchWithoutARotationIsRefused) {
   const Mesh flat = rectangle(graded(0.1, 2), graded(0.1, 2), 2, "body");
   const Mesh solid = box(graded(0.1, 2), graded(0.1, 2), graded(0.1, 2), 2, "body");
   expect_input_error(
-      [&] { make_marker_channel(flat, locate(flat, vec({0.1, 0.1})), vec({0, 0.01}), flat.select("xmax & ymax"), vec({0, 1})); },
+      [&] {
+        make_marker_channel(flat, locate(flat, vec({0.1, 0.1})), vec({0, 0.01}), flat.select("xmax & ymax"),
+                            vec({0, 1}));
+      },
       {"a single point", "name a face"});
   expect_input_error(
       [&] {
-        make_marker_channel(solid, locate(solid, vec({0.1, 0.1, 0})), vec({0, 0.01, 0}), solid.select("xmax & ymax"), vec({0, 1, 0}));
+        make_marker_channel(solid, locate(solid, vec({0.1, 0.1, 0})), vec({0, 0.01, 0}), solid.select("xmax & ymax"),
+                            vec({0, 1, 0}));
       },
       {"a straight line", "name a face"});
-  EXPECT_NO_THROW(make_marker_channel(flat, locate(flat, vec({0.1, 0.1})), vec({0, 0.01}), flat.select("xmax"), vec({0, 1})));
+  EXPECT_NO_THROW(
+      make_marker_channel(flat, locate(flat, vec({0.1, 0.1})), vec({0, 0.01}), flat.select("xmax"), vec({0, 1})));
 }
 
 }  // namespace

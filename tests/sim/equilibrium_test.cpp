@@ -59,7 +59,8 @@ TEST(Equilibrium, ASolveInTheLinearRangeTakesTwoIterations) {
 /// Layered block of problem A3 with foam of E = `soft` and plastic of 1e6 times that.
 Problem stiff_layers(double soft) {
   Mesh mesh = rectangle(graded(0.055, 44), graded(0.030, 24), 2, "foam");
-  assign_regions(mesh, [](const Eigen::VectorXd& c) { return static_cast<int>(c[0] / 0.005) % 2 == 0 ? "plastic" : "foam"; });
+  assign_regions(mesh,
+                 [](const Eigen::VectorXd& c) { return static_cast<int>(c[0] / 0.005) % 2 == 0 ? "plastic" : "foam"; });
   SceneBuilder builder(std::move(mesh), Plane::strain, 0.030);
   builder.add_solid("plastic", "neo_hookean", {{"E", 1e6 * soft}, {"nu", 0.35}});
   builder.add_solid("foam", "neo_hookean", {{"E", soft}, {"nu", 0.2}});
@@ -179,7 +180,8 @@ TEST(Equilibrium, APrescribedStretchGivesTheHomogeneousState) {
 
 TEST(Equilibrium, AStraightColumnAboveItsEulerLoadBucklesOntoTheElastica) {
   // Clamped and free ends, nu = 0; slender enough that shortening and shear change the last printed digits only.
-  const double L = 0.2, H = 0.002, E = 1e6, t = 0.03, euler = E * t * H * H * H / 12 * std::pow(3.14159265358979 / (2 * L), 2);
+  const double L = 0.2, H = 0.002, E = 1e6, t = 0.03,
+               euler = E * t * H * H * H / 12 * std::pow(3.14159265358979 / (2 * L), 2);
   SceneBuilder builder(rectangle(graded(L, 80), {0, H / 2, H}, 2, "column"), Plane::strain, t);
   builder.add_solid("column", "neo_hookean", {{"E", E}, {"nu", 0.0}});
   const Problem problem = loaded_on_xmax(std::move(builder), {-1, 0});
@@ -237,7 +239,8 @@ TEST(Equilibrium, AWarmStartGivesTheAnswerOfAColdOne) {
 
 TEST(Equilibrium, AlwaysProjectingFindsTheSameAnswerWithMoreIterations) {
   const Problem problem = problem_a1(4, 2);
-  const Equilibrium exact = solved(problem, 1.0), projected = solved(problem, 1.0, {.max_iterations = 400, .always_project = true});
+  const Equilibrium exact = solved(problem, 1.0),
+                    projected = solved(problem, 1.0, {.max_iterations = 400, .always_project = true});
   EXPECT_GT(projected.report().iterations, exact.report().iterations);
   EXPECT_LE(distance(problem, exact.u(), projected.u()), 1e-7);
 }
@@ -340,7 +343,8 @@ TEST(SceneBuilder, UnknownNamesAreAnsweredWithTheNearest) {
   SceneBuilder builder = block(2);
   expect_input_error([&] { builder.fix("xmni", {0}); }, {"'xmni'", "did you mean"});
   expect_input_error([&] { builder.fix("xmin", {2}); }, {"'xmin'", "2D", "no component z", "x, y"});
-  expect_input_error([&] { builder.parameters().index("E_blok"); }, {"'E_blok'", "did you mean 'E_block'?", "thickness"});
+  expect_input_error([&] { builder.parameters().index("E_blok"); },
+                     {"'E_blok'", "did you mean 'E_block'?", "thickness"});
 }
 
 TEST(SceneBuilder, ARegionWithoutOrWithTwoMaterialsIsRefused) {
@@ -348,7 +352,11 @@ TEST(SceneBuilder, ARegionWithoutOrWithTwoMaterialsIsRefused) {
   bare.fix("xmin", {0, 1});
   expect_input_error([&] { bare.build(); }, {"'block' has no material"});
   SceneBuilder twice = block(2);
-  expect_input_error([&] { twice.add_solid("block", "neo_hookean", {{"E", 1e5}, {"nu", 0.3}}); }, {"'block'", "two materials"});
+  expect_input_error(
+      [&] {
+        twice.add_solid("block", "neo_hookean", {{"E", 1e5}, {"nu", 0.3}});
+      },
+      {"'block'", "two materials"});
 }
 
 TEST(SceneBuilder, EveryNumberIsADeclaredParameterWithItsValue) {

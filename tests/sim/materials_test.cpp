@@ -149,7 +149,8 @@ TYPED_TEST(MaterialBattery, SmallStrainIsHookesLawWithTheSameModulusAndPoissonRa
       // The law itself leaves Hooke's by the square of the strain.
       const double scale = A.norm() * H.norm();
       expect_taylor_order(
-          [&](double h) { return (material.stress(Tensor<double, D>(h * H)) - h * stress).norm() / scale; }, 2, 0, 1e-4);
+          [&](double h) { return (material.stress(Tensor<double, D>(h * H)) - h * stress).norm() / scale; }, 2, 0,
+          1e-4);
     }
   }
 }
@@ -240,8 +241,7 @@ TEST(NeoHookean, PlaneStrainWithFreeSidesHasTheTabulatedStress) {
 
 TEST(NeoHookean, ConfinedCompressionHasTheTabulatedStress) {
   const NeoHookean<> material(std::array{1.0, 0.3});
-  for (const auto& [along, across, stress] :
-       {Stretch{0.9, 1, -0.148735}, {0.7, 1, -0.574183}, {0.5, 1, -1.376708}}) {
+  for (const auto& [along, across, stress] : {Stretch{0.9, 1, -0.148735}, {0.7, 1, -0.574183}, {0.5, 1, -1.376708}}) {
     Tensor<double, 2> H = Tensor<double, 2>::Zero();
     H(0, 0) = along - 1;
     EXPECT_NEAR(material.stress(H)(0, 0), stress, 6e-7);
@@ -283,7 +283,8 @@ TEST(PlaneStress, HasNoStressAcrossTheSheet) {
     for (double size : strain_sizes) {
       for (const auto& H : sample_gradients<2>(size, 8)) {
         const double strain = sheet.thickness_strain(H);
-        EXPECT_NEAR(sheet.solid.stress(embedded(H, strain))(2, 2), 0.0, 1e-12 * sheet.solid.tangent(embedded(H))(8, 8) * size);
+        EXPECT_NEAR(sheet.solid.stress(embedded(H, strain))(2, 2), 0.0,
+                    1e-12 * sheet.solid.tangent(embedded(H))(8, 8) * size);
         EXPECT_LE((sheet.stress(H) - sheet.solid.stress(embedded(H, strain)).topLeftCorner<2, 2>()).norm(), 1e-15);
         EXPECT_EQ(sheet.energy(H), sheet.solid.energy(embedded(H, strain)));
       }
@@ -331,7 +332,8 @@ TEST(PlaneStress, StressAndTangentAreTheDerivativesOfTheEnergy) {
     const Eigen::Vector4d v = Eigen::Map<const Eigen::Vector4d>(V.data()), change = sheet.tangent(H) * v;
     const double first = (sheet.stress(H).array() * V.array()).sum(), second = v.dot(change);
     const auto at = [&](double h) { return Tensor<double, 2>(H + h * V); };
-    expect_taylor_order([&](double h) { return std::abs(sheet.energy(at(h)) - sheet.energy(H) - h * first); }, 2, 1e-15);
+    expect_taylor_order([&](double h) { return std::abs(sheet.energy(at(h)) - sheet.energy(H) - h * first); }, 2,
+                        1e-15);
     expect_taylor_order(
         [&](double h) { return std::abs(sheet.energy(at(h)) - sheet.energy(H) - h * first - 0.5 * h * h * second); }, 3,
         1e-15);

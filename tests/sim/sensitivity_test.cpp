@@ -45,7 +45,8 @@ void expect_sensitivities(const Scene& scene, const std::string& what) {
   const EquilibriumOptions precise{.step_tolerance = 1e-11};
   Equilibrium reference(model, precise);
   reference.start_at_rest(at_rest(scene));
-  ASSERT_EQ(reference.solve(scene.values).status, SolveStatus::converged) << what << ": " << reference.report().message();
+  ASSERT_EQ(reference.solve(scene.values).status, SolveStatus::converged)
+      << what << ": " << reference.report().message();
   ASSERT_GT(reference.u().cwiseAbs().maxCoeff(), 0.005) << "bent far enough to be nonlinear";
   std::vector<int> all;
   for (int k = 0; k < model.parameters().size(); ++k) all.push_back(k);
@@ -84,7 +85,8 @@ TEST(Sensitivity, IsTheSlopeOfTheWholeSolveIn3D) {
 }
 
 TEST(Sensitivity, IsTheSlopeOfTheWholeSolveForNearlyIncompressibleSolids) {
-  for (int d : {2, 3}) expect_sensitivities(loaded_block(d, 2, 0.499, Formulation::locking_free), std::to_string(d) + "D");
+  for (int d : {2, 3})
+    expect_sensitivities(loaded_block(d, 2, 0.499, Formulation::locking_free), std::to_string(d) + "D");
 }
 
 TEST(Sensitivity, OfSupportedComponentsIsTheirCoefficient) {
@@ -93,7 +95,8 @@ TEST(Sensitivity, OfSupportedComponentsIsTheirCoefficient) {
   Equilibrium equilibrium(model);
   equilibrium.start_at_rest(at_rest(scene));
   ASSERT_EQ(equilibrium.solve(scene.values).status, SolveStatus::converged);
-  const Eigen::MatrixXd s = equilibrium.sensitivities({model.parameters().index("travel"), model.parameters().index("force")});
+  const Eigen::MatrixXd s =
+      equilibrium.sensitivities({model.parameters().index("travel"), model.parameters().index("force")});
   for (int node : model.mesh().select("xmax").nodes()) {
     EXPECT_EQ(s(2 * node, 0), 1.0);
     EXPECT_EQ(s(2 * node, 1), 0.0);

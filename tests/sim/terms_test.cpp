@@ -21,7 +21,8 @@ TermUnderTest solid_case(ElementShape shape, Formulation formulation, Plane plan
                          double nu = 0.4, unsigned seed = 5) {
   ParameterTable table;
   SolidDefinition definition;
-  for (const ParameterSpec& spec : material_parameters("neo_hookean")) definition.parameters.push_back(table.declare(spec));
+  for (const ParameterSpec& spec : material_parameters("neo_hookean"))
+    definition.parameters.push_back(table.declare(spec));
   table.declare({"other", "x", "1", -10, 10, "a number of some other term", false});
   const int thickness = table.declare({"thickness", "t", "m", 1e-9, 1e3, "thickness", false});
   if (dimension_of(shape) == 2) definition.thickness = thickness;
@@ -30,8 +31,8 @@ TermUnderTest solid_case(ElementShape shape, Formulation formulation, Plane plan
   Mesh mesh = irregular_mesh(shape);
   auto term = make_solid(mesh, definition);
   Eigen::VectorXd u = random_state(mesh, strain, noise, seed);
-  return term_under_test(std::move(mesh), std::move(table), std::move(term), Eigen::Vector4d(3.0, nu, 1.0, 0.5), std::move(u),
-                         name_of_case(shape, formulation, plane));
+  return term_under_test(std::move(mesh), std::move(table), std::move(term), Eigen::Vector4d(3.0, nu, 1.0, 0.5),
+                         std::move(u), name_of_case(shape, formulation, plane));
 }
 
 template <class Action>
@@ -157,7 +158,8 @@ TEST(Solid, WrongDefinitionsAreRefused) {
 TermUnderTest load_case(ElementShape shape, const std::function<Eigen::VectorXd(const Mesh&)>& weights,
                         std::vector<int> factors, const std::string& name) {
   ParameterTable table;
-  for (const char* id : {"force", "mass", "g", "density", "thickness"}) table.declare({id, id, "SI", -1e9, 1e9, id, false});
+  for (const char* id : {"force", "mass", "g", "density", "thickness"})
+    table.declare({id, id, "SI", -1e9, 1e9, id, false});
   Mesh mesh = irregular_mesh(shape);
   auto term = make_load(weights(mesh), std::move(factors));
   Eigen::VectorXd u = random_state(mesh, 0.1, 0.05, 3), p(5);
@@ -186,7 +188,8 @@ void for_each_load(Action&& action) {
     action(load_case(shape, corner, {0}, s + " force on a corner"), 2.0);
     action(load_case(shape, face, {1, 2}, s + " hung mass"), 0.4 * 9.81);
     action(load_case(shape, face, {0, 4}, s + " traction"), 2.0 * 0.03);
-    action(load_case(shape, body, {3, 2, 4}, s + " weight"), 1100.0 * 9.81 * 0.03 * total_measure(irregular_mesh(shape)));
+    action(load_case(shape, body, {3, 2, 4}, s + " weight"),
+           1100.0 * 9.81 * 0.03 * total_measure(irregular_mesh(shape)));
     action(load_case(shape, point, {0}, s + " point force"), 2.0);
   }
 }
@@ -284,7 +287,8 @@ TEST(Load, PointWeightsTakeTheDisplacementOfAMaterialPoint) {
   for (ElementShape shape : all_shapes) {
     const Mesh mesh = irregular_mesh(shape);
     const Eigen::VectorXd point = mesh.node(0) + Eigen::VectorXd::Constant(mesh.dimension(), 0.023);
-    const Eigen::VectorXd weights = point_weights(mesh, locate(mesh, point), Eigen::VectorXd::Unit(mesh.dimension(), 1));
+    const Eigen::VectorXd weights =
+        point_weights(mesh, locate(mesh, point), Eigen::VectorXd::Unit(mesh.dimension(), 1));
     EXPECT_NEAR(weights.dot(polynomial_state(mesh)), polynomial(point, order_of(shape)), 1e-14) << name_of(shape);
   }
 }
@@ -292,7 +296,8 @@ TEST(Load, PointWeightsTakeTheDisplacementOfAMaterialPoint) {
 /// Force that a scene's loads exert in total at rest.
 Eigen::VectorXd total_load(const Scene& scene) {
   const int d = scene.model->mesh().dimension();
-  const Eigen::VectorXd force = -gradient_of(*scene.model, Eigen::VectorXd::Zero(scene.model->unknowns()), scene.values);
+  const Eigen::VectorXd force =
+      -gradient_of(*scene.model, Eigen::VectorXd::Zero(scene.model->unknowns()), scene.values);
   Eigen::VectorXd total = Eigen::VectorXd::Zero(d);
   for (int i = 0; i < scene.model->mesh().node_count(); ++i) total += force.segment(i * d, d);
   return total;
@@ -301,8 +306,9 @@ Eigen::VectorXd total_load(const Scene& scene) {
 TEST(Load, ScenesGiveEachLoadItsFactors) {
   for (int d : {2, 3}) {
     const auto builder = [d] {
-      SceneBuilder b(d == 2 ? rectangle({0, 0.1, 0.2}, {0, 0.1}, 2, "body") : box({0, 0.1, 0.2}, {0, 0.1}, {0, 0.03}, 2, "body"),
-                     Plane::strain, 0.03);
+      SceneBuilder b(
+          d == 2 ? rectangle({0, 0.1, 0.2}, {0, 0.1}, 2, "body") : box({0, 0.1, 0.2}, {0, 0.1}, {0, 0.03}, 2, "body"),
+          Plane::strain, 0.03);
       b.add_solid("body", "neo_hookean", {{"E", 1e5}, {"nu", 0.3}});
       b.fix("xmin", d == 2 ? std::vector{0, 1} : std::vector{0, 1, 2});
       return b;
@@ -335,7 +341,8 @@ TEST(Load, ATractionOnAPointIsRefused) {
   const int control = builder.declare({"p", "p", "Pa", -1e9, 1e9, "pressure", false}, 1);
   expect_input_error([&] { builder.add_traction("xmax & ymin", Eigen::Vector2d(1, 0), control); },
                      {"traction", "an edge", "'xmax & ymin' is not one"});
-  expect_input_error([&] { builder.add_force("xmax", Eigen::Vector2d(0, 0), control); }, {"direction", "2 finite numbers"});
+  expect_input_error([&] { builder.add_force("xmax", Eigen::Vector2d(0, 0), control); },
+                     {"direction", "2 finite numbers"});
   expect_input_error([&] { builder.add_force("xmax", Eigen::Vector3d(0, 0, 1), control); }, {"2D", "2 finite numbers"});
 }
 

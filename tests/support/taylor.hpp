@@ -22,9 +22,9 @@ inline double log_slope(const std::vector<double>& x, const std::vector<double>&
   return (n * sxy - sx * sy) / (n * sxx - sx * sx);
 }
 
-/// Expects remainder(h) = O(h^order) on the steps `first` / 2^k, k < `steps`: the sign of a right derivative, where a wrong
-/// one leaves a part of lower order. Steps whose remainder is below `noise` (rounding) are left out; a function that is
-/// polynomial enough leaves nothing else, and is then exact. A remainder that falls faster is right too.
+/// Expects remainder(h) = O(h^order) on the steps `first` / 2^k, k < `steps`: the sign of a right derivative, where a
+/// wrong one leaves a part of lower order. Steps whose remainder is below `noise` (rounding) are left out; a function
+/// that is polynomial enough leaves nothing else, and is then exact. A remainder that falls faster is right too.
 template <class Remainder>
 void expect_taylor_order(Remainder&& remainder, double order, double noise, double first = 1.0, int steps = 6,
                          const std::string& what = "") {
@@ -37,7 +37,8 @@ void expect_taylor_order(Remainder&& remainder, double order, double noise, doub
     r.push_back(value);
   }
   if (h.empty()) return;
-  ASSERT_GE(h.size(), 4u) << what << ": rounding leaves too few steps, first remainder " << r.front() << ", noise " << noise;
+  ASSERT_GE(h.size(), 4u) << what << ": rounding leaves too few steps, first remainder " << r.front() << ", noise "
+                          << noise;
   EXPECT_GT(log_slope(h, r), order - 0.15) << what << ": remainders from " << r.front() << " to " << r.back();
 }
 

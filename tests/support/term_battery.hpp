@@ -78,7 +78,8 @@ inline Eigen::VectorXd random_state(const Mesh& mesh, double strain, double nois
   const Eigen::VectorXd irregular = noise * mesh.diagonal() * random_vector(mesh.X.size(), random);
   Eigen::VectorXd homogeneous(mesh.X.size()), u;
   for (int i = 0; i < mesh.node_count(); ++i) homogeneous.segment(i * d, d) = H * mesh.node(i);
-  for (double scale = 1; u.size() == 0 || smallest_jacobian(mesh, u) < 0.1; scale *= 0.8) u = homogeneous + scale * irregular;
+  for (double scale = 1; u.size() == 0 || smallest_jacobian(mesh, u) < 0.1; scale *= 0.8)
+    u = homogeneous + scale * irregular;
   return u;
 }
 
@@ -92,19 +93,21 @@ inline void expect_derivatives(const TermUnderTest& t, double size) {
   for (int direction = 0; direction < 3; ++direction) {
     const Eigen::VectorXd v = random_vector(t.u.size(), random), Hv = t.model.hessian_times({t.u, t.p}, v);
     const double slope = gradient.dot(v), curvature = v.dot(Hv);
-    const double energy_noise = 1e-14 * (std::abs(energy) + gradient.cwiseAbs().dot(t.u.cwiseAbs() + size * v.cwiseAbs()));
+    const double energy_noise =
+        1e-14 * (std::abs(energy) + gradient.cwiseAbs().dot(t.u.cwiseAbs() + size * v.cwiseAbs()));
     const double gradient_noise = 1e-13 * (gradient.norm() + size * Hv.norm());
     const auto change = [&](double h) { return energy_of(t.model, t.u + h * v, t.p) - energy; };
     expect_taylor_order([&](double h) { return std::abs(change(h) - h * slope); }, 2, energy_noise, size, 6,
                         t.name + ": gradient");
-    expect_taylor_order([&](double h) { return std::abs(change(h) - h * slope - 0.5 * h * h * curvature); }, 3, energy_noise,
-                        size, 5, t.name + ": Hessian in the energy");
-    expect_taylor_order([&](double h) { return (gradient_of(t.model, t.u + h * v, t.p) - gradient - h * Hv).norm(); }, 2,
-                        gradient_noise, size, 6, t.name + ": Hessian in the gradient");
+    expect_taylor_order([&](double h) { return std::abs(change(h) - h * slope - 0.5 * h * h * curvature); }, 3,
+                        energy_noise, size, 5, t.name + ": Hessian in the energy");
+    expect_taylor_order([&](double h) { return (gradient_of(t.model, t.u + h * v, t.p) - gradient - h * Hv).norm(); },
+                        2, gradient_noise, size, 6, t.name + ": Hessian in the gradient");
   }
 }
 
-/// The mixed derivative of each parameter by the remainder of the gradient; parameters on which nothing depends have none.
+/// The mixed derivative of each parameter by the remainder of the gradient; parameters on which nothing depends have
+/// none.
 inline void expect_parameter_derivatives(const TermUnderTest& t, double relative_step = 0.1) {
   const Eigen::VectorXd gradient = gradient_of(t.model, t.u, t.p);
   for (int k = 0; k < t.model.parameters().size(); ++k) {

@@ -44,9 +44,9 @@ double mean_drop(const Mesh& mesh, const std::string& tag, const Eigen::VectorXd
   return mean_weights(mesh, mesh.select(tag), Eigen::VectorXd::Unit(mesh.dimension(), 0)).dot(u);
 }
 
-/// Displacement per unit g of a linear bar with free sides whose middle of the upper end is held, y = z = 0 being planes of
-/// symmetry: rho/E [L x - x^2/2 - nu (y^2 + z^2)/2] along, -nu rho/E (L - x) y across. Plane strain has E/(1 - nu^2) for E
-/// and nu/(1 - nu) for nu.
+/// Displacement per unit g of a linear bar with free sides whose middle of the upper end is held, y = z = 0 being
+/// planes of symmetry: rho/E [L x - x^2/2 - nu (y^2 + z^2)/2] along, -nu rho/E (L - x) y across. Plane strain has E/(1
+/// - nu^2) for E and nu/(1 - nu) for nu.
 Eigen::VectorXd linear_bar(const Eigen::VectorXd& X, double nu, bool plane_strain) {
   const double modulus = plane_strain ? E / (1 - nu * nu) : E, ratio = plane_strain ? nu / (1 - nu) : nu;
   Eigen::VectorXd u = -ratio * rho / modulus * (L - X[0]) * X;
@@ -59,14 +59,16 @@ TEST(HangingBar, SmallDisplacementsAreExactAtEveryNodeOfQuadraticElements) {
     int d;
     double nu;
     Plane plane;
-  } const cases[] = {{2, 0.0, Plane::strain}, {2, 0.3, Plane::strain}, {2, 0.3, Plane::stress}, {3, 0.0, Plane::strain},
-                     {3, 0.3, Plane::strain}, {3, 0.45, Plane::strain}};
+  } const cases[] = {{2, 0.0, Plane::strain}, {2, 0.3, Plane::strain}, {2, 0.3, Plane::stress},
+                     {3, 0.0, Plane::strain}, {3, 0.3, Plane::strain}, {3, 0.45, Plane::strain}};
   for (const auto& c : cases) {
     Mesh mesh = c.d == 2 ? rectangle(graded(L, 5, 2.0), graded(W, 2), 2, "bar")
                          : box(graded(L, 5, 2.0), graded(W, 2), graded(W, 1), 2, "bar");
     ParameterTable table;
-    SolidDefinition definition{.plane = c.plane};
-    for (const ParameterSpec& spec : material_parameters("neo_hookean")) definition.parameters.push_back(table.declare(spec));
+    SolidDefinition definition;
+    definition.plane = c.plane;
+    for (const ParameterSpec& spec : material_parameters("neo_hookean"))
+      definition.parameters.push_back(table.declare(spec));
     const int density = table.declare({"rho", "rho", "kg/m3", 0, 1e5, "density", false});
     const int gravity = table.declare({"g", "g", "m/s2", 0, 100, "gravity", false});
     const bool plane_strain = c.d == 2 && c.plane == Plane::strain;

@@ -1,0 +1,369 @@
+#include <gtest/gtest.h>
+
+#include "calib/units.hpp"
+#include "tests/support/closed_form_protocol.hpp"
+#include "tests/support/message.hpp"
+
+// What a fit says about parameters that the readings do not determine, and about fits that go wrong.
+namespace taut {
+namespace {
+
+using namespace test;
+
+constexpr double kZ95 = 1.959963984540054;
+const Eigen::VectorXd kLoads = Eigen::VectorXd::LinSpaced(6, 1, 6);
+
+void expect_says(const std::string& text, const std::vector<std::string>& parts) {
+  for (const std::string& part : parts) EXPECT_NE(text.find(part), std::string::npos) << part << " is not in: " << text;
+}
+
+/// y = F y(k) at six loads F; k is a modulus.
+ClosedFormProtocol one_modulus(std::function<double(double)> y, std::function<double(double)> dy) {
+  return {{{modulus("k"), 1000.0}},
+          [y](const Params& p) -> Eigen::VectorXd { return kLoads * y(p[0]); },
+          [dy](const Params& p) -> Eigen::MatrixXd { return kLoads * dy(p[0]); }};
+}
+
+/// y = F / k.
+ClosedFormProtocol compliance() {
+  return one_modulus([](double k) { return 1 / k; }, [](double k) { return -1 / (k * k); });
+}
+
+// ---- bounded from one side
+
+TEST(Verdict, AModulusTooLargeToShowIsBoundedFromBelowOnly) {
+  // A soft spring of 100 N/m in series with k: beyond some k nothing changes.
+  ClosedFormProtocol protocol =
+      one_modulus([](double k) { return 0.01 + 1 / k; }, [](double k) { return -1 / (k * k); });
+  const double sigma = 1e-4;
+  const FitResult result = fit(protocol, measured(kLoads * (0.01 + 1e-12), sigma), {{0, 1e4, 1, 1e12}});
+  const ParameterEstimate& k = result.parameters[0];
+  EXPECT_EQ(k.verdict, Verdict::bounded_from_one_side) << k.explanation;
+  ASSERT_TRUE(k.lower95);
+  EXPECT_FALSE(k.upper95);
+  // Chi squared rises by z95^2 where |F| / k = z95 sigma, as long as the optimum itself is beyond sight.
+  EXPECT_NEAR(*k.lower95, kLoads.norm() / (kZ95 * sigma), 0.02 * *k.lower95);
+  expect_says(k.explanation, {"above", "nothing more"});
+  expect_says(k.explanation, {with_unit(*k.lower95, "Pa")});
+}
+
+TEST(Verdict, AModulusTooSmallToShowIsBoundedFromAboveOnly) {
+  // A spring of 100 N/m with k beside it.
+  ClosedFormProtocol protocol =
+      one_modulus([](double k) { return 1 / (100 + k); }, [](double k) { return -1 / ((100 + k) * (100 + k)); });
+  const FitResult result = fit(protocol, measured(kLoads / (100 + 1e-3), 2e-4), {{0, 1000, 1e-6, 1e6}});
+  const ParameterEstimate& k = result.parameters[0];
+  EXPECT_EQ(k.verdict, Verdict::bounded_from_one_side) << k.explanation;
+  EXPECT_FALSE(k.lower95);
+  ASSERT_TRUE(k.upper95);
+  // 1/100 - 1/(100 + k) = z95 sigma / |F|
+  const double miss = kZ95 * 2e-4 / kLoads.norm();
+  EXPECT_NEAR(*k.upper95, 1 / (0.01 - miss) - 100, 0.03 * *k.upper95);
+  expect_says(k.explanation, {"below", "nothing more"});
+}
+
+TEST(Verdict, AnIntervalDoesNotEndWhereSimulationsFail) {
+  // As the first test, but nothing can be simulated below k = 1e5, where the readings still see no difference.
+  ClosedFormProtocol protocol =
+      one_modulus([](double k) { return 0.01 + 1 / k; }, [](double k) { return -1 / (k * k); });
+  protocol.fails = [](const Params& p) { return p[0] < 1e5 ? "no equilibrium" : ""; };
+  const FitResult result = fit(protocol, measured(kLoads * (0.01 + 1e-12), 1e-3), {{0, 1e7, 1, 1e12}});
+  EXPECT_FALSE(result.parameters[0].lower95);
+  EXPECT_FALSE(result.parameters[0].upper95);
+}
+
+// ---- tied
+
+/// y1 = F / (a b), y2 = F / c: a and b appear as their product only.
+ClosedFormProtocol product() {
+  const Eigen::Index n = kLoads.size();
+  return {{{modulus("a"), 20.0}, {modulus("b"), 50.0}, {modulus("c"), 700.0}},
+          [n](const Params& p) {
+            Eigen::VectorXd y(2 * n);
+            y << kLoads / (p[0] * p[1]), kLoads / p[2];
+            return y;
+          },
+          [n](const Params& p) {
+            Eigen::MatrixXd D = Eigen::MatrixXd::Zero(2 * n, 3);
+            D.col(0).head(n) = -kLoads / (p[0] * p[0] * p[1]);
+            D.col(1).head(n) = -kLoads / (p[0] * p[1] * p[1]);
+            D.col(2).tail(n) = -kLoads / (p[2] * p[2]);
+            return D;
+          }};
+}
+
+TEST(Verdict, TwoParametersThatAppearAsAProductAreTiedAndNameEachOther) {
+  ClosedFormProtocol protocol = product();
+  const Eigen::VectorXd y = protocol.predict(protocol.nominal(), {}).values;
+  const FitResult result = fit(protocol, measured(y, 1e-5), {{0, 10, 1, 1e4}, {1, 40, 1, 1e4}, {2, 100, 10, 1e4}});
+  const ParameterEstimate &a = result.parameters[0], &b = result.parameters[1], &c = result.parameters[2];
+  EXPECT_EQ(result.status, FitStatus::converged) << result.message;
+  EXPECT_NEAR(a.value * b.value, 1000, 1e-3) << "the product is found";
+  for (const ParameterEstimate* tied : {&a, &b}) {
+    EXPECT_EQ(tied->verdict, Verdict::tied) << tied->explanation;
+    EXPECT_FALSE(tied->lower95) << *tied->lower95;
+    EXPECT_FALSE(tied->upper95) << *tied->upper95;
+    EXPECT_TRUE(std::isnan(tied->standard_error)) << tied->standard_error;
+  }
+  expect_says(a.explanation, {"cannot tell it from b", "fix one of them"});
+  expect_says(b.explanation, {"cannot tell it from a", "fix one of them"});
+  EXPECT_GT(std::abs(result.correlation(0, 1)), 0.999);
+
+  // What is known stays known: the third parameter and the predictions.
+  EXPECT_EQ(c.verdict, Verdict::well_determined) << c.explanation;
+  EXPECT_NEAR(c.value, 700, 1e-3);
+  EXPECT_NEAR(c.standard_error, 1e-5 * 700 * 700 / kLoads.norm(), 1e-6 * c.standard_error);
+  ASSERT_TRUE(c.lower95 && c.upper95);
+  for (Eigen::Index i = 0; i < kLoads.size(); ++i) {
+    EXPECT_NEAR(result.prediction_se[i], 1e-5 * kLoads[i] / kLoads.norm(), 1e-9) << "row " << i;
+    EXPECT_NEAR(result.prediction_se[i + 6], 1e-5 * kLoads[i] / kLoads.norm(), 1e-9) << "row " << i + 6;
+  }
+  EXPECT_NEAR(std::abs(result.weakest[0]), std::sqrt(0.5), 1e-6);
+  EXPECT_NEAR(result.weakest[0], -result.weakest[1], 1e-6);
+  EXPECT_NEAR(result.weakest[2], 0, 1e-6);
+  EXPECT_LT(result.singular_values[2], 1e-6 * result.singular_values[0]);
+}
+
+TEST(Verdict, TheBoundOfOneTiedParameterIsNotPassedOffAsAnIntervalOfTheOther) {
+  ClosedFormProtocol protocol = product();
+  const Eigen::VectorXd y = protocol.predict(protocol.nominal(), {}).values;
+  // b cannot go below 40, so a cannot go above 25: by that bound, not by the readings.
+  const FitResult result = fit(protocol, measured(y, 1e-5), {{0, 10, 1, 1e4}, {1, 60, 40, 1e4}});
+  const ParameterEstimate& a = result.parameters[0];
+  EXPECT_EQ(a.verdict, Verdict::tied) << a.explanation;
+  EXPECT_FALSE(a.upper95) << *a.upper95;
+  EXPECT_FALSE(a.lower95) << *a.lower95;
+  expect_says(a.explanation, {"cannot tell it from b"});
+}
+
+TEST(Verdict, AStrongCorrelationIsMentioned) {
+  // Lines far from the origin: intercept and slope are known, but together.
+  const Eigen::VectorXd x = Eigen::VectorXd::LinSpaced(6, 10, 15);
+  ClosedFormProtocol protocol = straight_line(x);
+  const FitResult result = fit(protocol, measured(1 + x.array(), 0.01), {{0, 0, -5, 5}, {1, 0, -5, 5}});
+  EXPECT_EQ(result.parameters[0].verdict, Verdict::well_determined);
+  expect_says(result.parameters[0].explanation, {"correlated with b", "-0.9"});
+}
+
+// ---- invisible
+
+TEST(Verdict, AParameterWithoutInfluenceIsInvisible) {
+  ClosedFormProtocol protocol{{{modulus("k"), 1000.0}, {modulus("idle"), 50.0}},
+                              [](const Params& p) -> Eigen::VectorXd { return kLoads / p[0]; },
+                              [](const Params& p) {
+                                Eigen::MatrixXd D = Eigen::MatrixXd::Zero(kLoads.size(), 2);
+                                D.col(0) = -kLoads / (p[0] * p[0]);
+                                return D;
+                              }};
+  const FitResult result = fit(protocol, measured(kLoads / 1000, 1e-6), {{0, 500, 1, 1e6}, {1, 50, 1, 1e6}});
+  const ParameterEstimate &k = result.parameters[0], &idle = result.parameters[1];
+  EXPECT_EQ(idle.verdict, Verdict::invisible) << idle.explanation;
+  EXPECT_DOUBLE_EQ(idle.value, 50);
+  EXPECT_FALSE(idle.lower95 || idle.upper95);
+  EXPECT_TRUE(std::isnan(idle.standard_error));
+  expect_says(idle.explanation, {"do not depend on idle", "not a result"});
+  EXPECT_EQ(k.verdict, Verdict::well_determined) << k.explanation;
+  EXPECT_NEAR(k.value, 1000, 1e-3);
+  EXPECT_TRUE(k.lower95 && k.upper95);
+  EXPECT_TRUE(result.prediction_se.allFinite());
+  EXPECT_NEAR(result.prediction_se[5], 1e-6 * 6 / kLoads.norm(), 1e-10);
+}
+
+TEST(Verdict, APlainNumberIsJudgedByTheRangeItMayHave) {
+  // The same readings: an offset known to 0.01 is much in a range of 0.02 and nothing in a range of 20.
+  for (const auto& [range, verdict] :
+       {std::pair{20.0, Verdict::well_determined}, {0.05, Verdict::weakly_determined}}) {
+    ClosedFormProtocol protocol = straight_line(kLoads);
+    const FitResult result = fit(protocol, measured(Eigen::VectorXd::Zero(6), 0.01 * std::sqrt(6.0)),
+                                 {{0, 0.1 * range, -0.5 * range, 0.5 * range}});
+    EXPECT_EQ(result.parameters[0].verdict, verdict) << result.parameters[0].explanation;
+    EXPECT_NEAR(result.parameters[0].standard_error, 0.01, 1e-9);
+  }
+}
+
+TEST(Verdict, NamesAreForPeople) {
+  EXPECT_EQ(name_of(Verdict::well_determined), "well determined");
+  EXPECT_EQ(name_of(Verdict::bounded_from_one_side), "bounded from one side");
+  EXPECT_EQ(name_of(Verdict::tied), "tied");
+  EXPECT_EQ(name_of(Verdict::invisible), "invisible");
+  EXPECT_EQ(name_of(FitStatus::start_failed), "start failed");
+}
+
+// ---- bounds
+
+TEST(Fit, AFitThatEndsAtABoundSaysSo) {
+  ClosedFormProtocol protocol = compliance();
+  const FitResult result = fit(protocol, measured(kLoads / 1000, 1e-6), {{0, 300, 100, 400}});
+  const ParameterEstimate& k = result.parameters[0];
+  EXPECT_NEAR(k.value, 400, 1e-6);
+  expect_says(k.explanation, {"ended at a bound", "widen the bound"});
+  EXPECT_FALSE(k.upper95);
+  const FitResult inside = fit(protocol, measured(kLoads / 1000, 1e-6), {{0, 300, 100, 4000}});
+  EXPECT_EQ(inside.parameters[0].explanation.find("bound"), std::string::npos);
+}
+
+TEST(Fit, AStartOnItsBoundIsAllowed) {
+  for (const double start : {100.0, 4000.0}) {
+    ClosedFormProtocol protocol = compliance();
+    const FitResult result = fit(protocol, measured(kLoads / 1000, 1e-6), {{0, start, 100, 4000}});
+    EXPECT_EQ(result.status, FitStatus::converged);
+    EXPECT_NEAR(result.parameters[0].value, 1000, 1e-3) << "from " << start;
+  }
+}
+
+TEST(Fit, WrongQuestionsAreRefusedWithAMessage) {
+  ClosedFormProtocol protocol = compliance();
+  const std::vector<Measurement> one{{0, 0.001, 1e-6, 0}};
+  expect_input_error([&] { fit(protocol, one, {{0, 50, 100, 400}}); }, {"k", "start 50 Pa", "bounds 100 and 400"});
+  expect_input_error([&] { fit(protocol, one, {{0, 500, 100, 400}}); }, {"k", "start 500 Pa", "bounds 100 and 400"});
+  expect_input_error([&] { fit(protocol, one, {{0, 100, 100, 100}}); }, {"k", "bounds"});
+  expect_input_error([&] { fit(protocol, one, {{0, std::nan(""), 100, 400}}); }, {"k", "start"});
+  expect_input_error([&] { fit(protocol, one, {}); }, {"no free parameter", "[fit.free]"});
+  ClosedFormProtocol line = straight_line(kLoads);
+  expect_input_error([&] { fit(line, one, {{0, 0, -1, 1}, {1, 0, -1, 1}}); },
+                     {"1 readings cannot determine 2 parameters", "fix parameters"});
+}
+
+// ---- failing simulations
+
+/// y = F k / 1e6: a response in which a start that is too low overshoots.
+ClosedFormProtocol proportional() {
+  return one_modulus([](double k) { return 1e-6 * k; }, [](double) { return 1e-6; });
+}
+
+TEST(Fit, AFailingSimulationShortensTheStepAndIsCounted) {
+  ClosedFormProtocol protocol = proportional();
+  protocol.fails = [](const Params& p) {
+    return p[0] > 1100 ? "no equilibrium at k = " + std::to_string(p[0]) : std::string();
+  };
+  const FitResult result = fit(protocol, measured(1e-3 * kLoads, 1e-5), {{0, 100, 10, 1e5}});
+  EXPECT_EQ(result.status, FitStatus::converged) << result.message;
+  EXPECT_NEAR(result.parameters[0].value, 1000, 1e-2);
+  EXPECT_GT(result.failed_evaluations, 0);
+  EXPECT_LT(result.failed_evaluations, result.evaluations);
+  ASSERT_FALSE(result.failures.empty());
+  EXPECT_LE(result.failures.size(), 5u);
+  expect_says(result.failures[0], {"no equilibrium at k ="});
+}
+
+TEST(Fit, AGapOfFailuresBetweenStartAndOptimumIsSurvived) {
+  // The first step of the fit lands between start and optimum; a gap is put right there.
+  double landing = 0;
+  for (const bool gap : {false, true}) {
+    ClosedFormProtocol protocol = compliance();
+    FitOptions options;
+    options.progress = [&](const FitProgress& state) {
+      if (!gap && state.evaluation == 2) landing = state.values[0];
+    };
+    if (gap) {
+      ASSERT_GT(landing, 20);
+      ASSERT_LT(landing, 990);
+      protocol.fails = [&](const Params& p) { return std::abs(p[0] / landing - 1) < 0.1 ? "no equilibrium" : ""; };
+    }
+    const FitResult result = fit(protocol, measured(kLoads / 1000, 1e-6), {{0, 10, 1, 1e5}}, options);
+    EXPECT_EQ(result.status, FitStatus::converged) << result.message;
+    EXPECT_NEAR(result.parameters[0].value, 1000, 1e-2);
+    EXPECT_EQ(result.failed_evaluations > 0, gap);
+  }
+}
+
+TEST(Fit, AFitThatIsStoppedByFailuresBeforeItsOptimumHasNotConverged) {
+  // The optimum, k = 1000, lies where nothing can be simulated.
+  ClosedFormProtocol protocol = compliance();
+  protocol.fails = [](const Params& p) { return p[0] < 1500 ? "no equilibrium" : ""; };
+  const FitResult result = fit(protocol, measured(kLoads / 1000, 1e-6), {{0, 2000, 100, 4000}});
+  EXPECT_EQ(result.status, FitStatus::not_converged) << result.message;
+  EXPECT_GT(result.failed_evaluations, 0);
+  expect_says(result.message, {"simulations fail"});
+}
+
+TEST(Fit, AFailureAtTheStartEndsTheFit) {
+  ClosedFormProtocol protocol = compliance();
+  protocol.fails = [](const Params&) { return "no equilibrium at force = 1 N"; };
+  const FitResult result = fit(protocol, measured(kLoads / 1000, 1e-6), {{0, 300, 100, 4000}});
+  EXPECT_EQ(result.status, FitStatus::start_failed);
+  EXPECT_EQ(result.failed_evaluations, 1);
+  ASSERT_EQ(result.failures.size(), 1u);
+  EXPECT_EQ(result.failures[0], "no equilibrium at force = 1 N");
+  EXPECT_EQ(result.parameters[0].value, 300);
+}
+
+TEST(Fit, TooFewIterationsAreNotConvergence) {
+  ClosedFormProtocol protocol = stiffening_spring();
+  const Eigen::VectorXd y = protocol.predict(protocol.nominal(), {}).values;
+  FitOptions options;
+  options.max_iterations = 1;
+  const FitResult result =
+      fit(protocol, measured(y, 1e-5), {{0, 5e4, 10, 1e5}, {1, 0.03, 0.001, 0.1}}, options);
+  EXPECT_EQ(result.status, FitStatus::not_converged);
+  EXPECT_LE(result.iterations, 1);
+}
+
+// ---- stopping, progress, recomputation
+
+TEST(Fit, TheStopFlagInterruptsAndTheBestValuesSoFarAreKept) {
+  ClosedFormProtocol protocol = compliance();
+  std::atomic<bool> stop{false};
+  FitOptions options;
+  options.stop = &stop;
+  options.progress = [&](const FitProgress& state) { stop = state.evaluation >= 2; };
+  const FitResult result = fit(protocol, measured(kLoads / 1000, 1e-6), {{0, 500, 100, 4000}}, options);
+  EXPECT_EQ(result.status, FitStatus::interrupted);
+  EXPECT_LE(result.evaluations, 3);
+  EXPECT_GT(result.parameters[0].value, 510) << "one step of the fit was taken";
+  EXPECT_EQ(result.p[0], result.parameters[0].value);
+}
+
+TEST(Fit, AStopBeforeTheFitLeavesTheStart) {
+  ClosedFormProtocol protocol = compliance();
+  const std::atomic<bool> stop{true};
+  FitOptions options;
+  options.stop = &stop;
+  const FitResult result = fit(protocol, measured(kLoads / 1000, 1e-6), {{0, 500, 100, 4000}}, options);
+  EXPECT_EQ(result.status, FitStatus::interrupted);
+  EXPECT_NEAR(result.parameters[0].value, 500, 1e-9);
+  EXPECT_LE(protocol.calls, 1);
+}
+
+TEST(Fit, ProgressCountsEvaluationsAndShowsValuesInSi) {
+  ClosedFormProtocol protocol = compliance();
+  std::vector<FitProgress> states;
+  FitOptions options;
+  options.progress = [&](const FitProgress& state) { states.push_back(state); };
+  fit(protocol, measured(kLoads / 1000, 1e-6), {{0, 500, 100, 4000}}, options);
+  ASSERT_GE(states.size(), 3u);
+  EXPECT_EQ(states[0].evaluation, 1);
+  EXPECT_NEAR(states[0].values[0], 500, 1e-9);
+  EXPECT_NEAR(states[0].chi_squared, kLoads.squaredNorm() * std::pow(1e6 * (1.0 / 500 - 1.0 / 1000), 2), 1e-3);
+}
+
+TEST(Fit, WhatIsReportedIsComputedAgainFromTheStartOfThePath) {
+  ClosedFormProtocol protocol = compliance();
+  const FitResult result = fit(protocol, measured(kLoads / 1000, 1e-6), {{0, 500, 100, 4000}});
+  EXPECT_GE(protocol.forgotten, 1);
+  EXPECT_EQ(result.status, FitStatus::converged);
+}
+
+TEST(Fit, AnOptimumThatLooksDifferentWithoutTheFitsHistoryIsNotConvergence) {
+  // A protocol whose warm path leads to another equilibrium than its cold one.
+  class TwoPaths final : public Protocol {
+   public:
+    const ParameterTable& parameters() const override { return inner.parameters(); }
+    const Params& nominal() const override { return inner.nominal(); }
+    int row_count() const override { return inner.row_count(); }
+    Prediction predict(const Params& p, const std::vector<int>& free) override {
+      Prediction prediction = inner.predict(p, free);
+      if (inner.forgotten > 0) prediction.values.array() += 1e-4;
+      return prediction;
+    }
+    void forget() override { inner.forget(); }
+    ClosedFormProtocol inner = compliance();
+  } protocol;
+  const FitResult result = fit(protocol, measured(kLoads / 1000, 1e-6), {{0, 500, 100, 4000}});
+  EXPECT_EQ(result.status, FitStatus::not_converged) << result.message;
+  expect_says(result.message, {"from the start of the path"});
+  EXPECT_NEAR(result.chi_squared, 6e4, 1e2) << "what is reported is the cold one";
+}
+
+}  // namespace
+}  // namespace taut

@@ -1,0 +1,335 @@
+#include "reports/report.hpp"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <limits>
+#include <set>
+#include <sstream>
+
+#include "calib/units.hpp"
+#include "tests/support/message.hpp"
+#include "tests/support/run_records.hpp"
+
+namespace taut {
+namespace {
+
+using test::expect_input_error;
+
+class ReportTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    // A name that a shell would trip over.
+    folder_ = std::filesystem::temp_directory_path() /
+              ("taut it's " + std::string(::testing::UnitTest::GetInstance()->current_test_info()->name()) +
+               std::to_string(getpid()));
+    std::filesystem::remove_all(folder_);
+  }
+  void TearDown() override { std::filesystem::remove_all(folder_); }
+  std::string folder() const { return folder_.string(); }
+  std::string file(const std::string& name) const { return (folder_ / name).string(); }
+
+  /// Rows of a CSV file without quoted fields, by the names in its header.
+  std::vector<std::map<std::string, std::string>> rows(const std::string& name) const {
+    std::istringstream text(read_file(file(name)));
+    std::string line;
+    std::vector<std::string> header;
+    std::vector<std::map<std::string, std::string>> all;
+    while (std::getline(text, line)) {
+      std::vector<std::string> cells(1);
+      for (const char c : line) c == ',' ? cells.emplace_back() : cells.back() += c;
+      if (header.empty()) {
+        header = cells;
+        continue;
+      }
+      EXPECT_EQ(cells.size(), header.size()) << line;
+      std::map<std::string, std::string> row;
+      for (size_t i = 0; i < std::min(cells.size(), header.size()); ++i) row[header[i]] = cells[i];
+      all.push_back(row);
+    }
+    return all;
+  }
+
+  static int count(const std::vector<std::map<std::string, std::string>>& rows, const std::string& kind) {
+    int n = 0;
+    for (auto row : rows) n += row["kind"] == kind;
+    return n;
+  }
+
+  std::filesystem::path folder_;
+};
+
+bool contains(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
+
+/// The values of an attribute wherever it stands, quotes taken off.
+std::vector<std::string> attributes(const std::string& html, const std::string& name) {
+  std::vector<std::string> values;
+  for (const char quote : {'\'', '"'}) {
+    const std::string begin = name + "=" + quote;
+    for (size_t at = html.find(begin); at != std::string::npos; at = html.find(begin, at + 1)) {
+      const size_t value = at + begin.size();
+      values.push_back(html.substr(value, html.find(quote, value) - value));
+    }
+  }
+  return values;
+}
+
+std::string html_of(const RunRecord& record) {
+  return report_html(record, {});
+}
+
+TEST_F(ReportTest, EveryFigureExistsInThreeFormatsWithItsNumbersAndScript) {
+  const std::vector<Figure> figures = draw_figures(test::hanging_block(), folder());
+  std::vector<std::string> names;
+  for (const Figure& figure : figures) {
+    names.push_back(figure.name);
+    EXPECT_FALSE(figure.title.empty() || figure.caption.empty());
+    EXPECT_TRUE(contains(figure.svg, "<svg") && contains(figure.svg, "</svg>"));
+    const std::string stem = "figures/" + figure.name;
+    EXPECT_EQ(read_file(file(stem + ".pdf")).substr(0, 5), "%PDF-");
+    EXPECT_EQ(read_file(file(stem + ".png")).substr(0, 4), "\x89PNG");
+    for (const char* format : {".svg", ".pdf", ".png"}) {
+      EXPECT_GT(std::filesystem::file_size(file(stem + format)), 4000u) << stem << format;
+    }
+    EXPECT_TRUE(std::filesystem::exists(file(stem + ".csv")));
+    EXPECT_TRUE(contains(read_file(file(stem + ".gp")), "plot "));
+  }
+  EXPECT_EQ(names, (std::vector<std::string>{"force_displacement", "effective_stiffness", "residuals",
+                                             "deformed_shapes", "variants"}));
+  const auto force = rows("figures/force_displacement.csv");
+  EXPECT_EQ(count(force, "reading"), 18);
+  EXPECT_EQ(count(force, "curve"), 3 * 41);
+  EXPECT_EQ(count(rows("figures/effective_stiffness.csv"), "reading"), 12) << "zero loads have no stiffness";
+  EXPECT_EQ(rows("figures/residuals.csv").size(), 18u);
+  EXPECT_EQ(rows("figures/deformed_shapes.csv").size(), 4 * 30u);
+  auto first = force.front();
+  EXPECT_EQ(first["displacement_mm"], "6.494") << "the magnitude, not the direction convention";
+  EXPECT_EQ(first["sigma_mm"], "0.2");
+}
+
+TEST_F(ReportTest, FiguresWithNothingToShowAreLeftOut) {
+  RunRecord record = test::tendon_finger();
+  record.shapes.clear();
+  record.variants.clear();
+  record.references.clear();
+  std::vector<std::string> names;
+  for (const Figure& figure : draw_figures(record, folder())) names.push_back(figure.name);
+  EXPECT_EQ(names, (std::vector<std::string>{"force_displacement", "effective_stiffness", "residuals"}));
+  record.load_newtons.clear();
+  names.clear();
+  for (const Figure& figure : draw_figures(record, folder())) names.push_back(figure.name);
+  EXPECT_EQ(names, (std::vector<std::string>{"residuals"}));
+}
+
+TEST_F(ReportTest, StiffnessIsForceOverDisplacementWithItsErrorCarriedOver) {
+  RunRecord record = test::empty_record("E", 1e5, 1e3);
+  // k = 2 / 0.004 = 500 N/m, sigma_k = F sigma / delta^2 = 2 * 1e-4 / 1.6e-5 = 12.5 N/m
+  test::add_reading(record, "a", "tip", 2, -0.004, 1e-4, -0.004);
+  test::add_reading(record, "b", "tip", 2, 0, 1e-4, -0.004);  // no displacement, no stiffness
+  record.curves = {{"tip", "", {0, 2}, {0, -0.004}, {0, 4e-5}}};
+  draw_figures(record, folder());
+  auto all = rows("figures/effective_stiffness.csv");
+  ASSERT_EQ(all.size(), 2u);
+  EXPECT_EQ(all[0]["displacement_mm"], "4");
+  EXPECT_EQ(all[0]["stiffness_N_per_m"], "500");
+  EXPECT_EQ(all[0]["sigma_N_per_m"], "12.5");
+  EXPECT_EQ(all[1]["kind"], "curve");
+  EXPECT_EQ(all[1]["stiffness_N_per_m"], "500");
+  EXPECT_NEAR(std::stod(all[1]["sigma_N_per_m"]), 5, 1e-9);
+  EXPECT_NEAR(std::stod(all[1]["band_upper_N_per_m"]), 500 + 1.959964 * 5, 1e-5);
+  EXPECT_NEAR(std::stod(all[1]["band_lower_N_per_m"]), 500 - 1.959964 * 5, 1e-5);
+}
+
+TEST_F(ReportTest, WithReadingsAtZeroLoadStiffnessIsThatOfTheIncrement) {
+  RunRecord record = test::empty_record("E", 1e5, 1e3);
+  test::add_reading(record, "a", "tip", 0, -0.0060, 3e-4, -0.0070);
+  test::add_reading(record, "b", "tip", 0, -0.0064, 4e-4, -0.0070);
+  test::add_reading(record, "a", "tip", 1, -0.0262, 6e-4, -0.0270);
+  record.curves = {{"tip", "", {0, 1}, {-0.007, -0.027}, {1e-4, 4e-4}, {0, 3e-4}}};
+  record.readings[0].prediction_se = record.readings[1].prediction_se = 1e-4;
+  const std::vector<Figure> figures = draw_figures(record, folder());
+  ASSERT_EQ(figures[1].name, "effective_stiffness");
+  EXPECT_TRUE(contains(figures[1].caption, "increment beyond self-weight"));
+  auto all = rows("figures/effective_stiffness.csv");
+  ASSERT_EQ(all.size(), 2u);
+  // delta = 26.2 - 6.2 = 20 mm; its sigma^2 = 0.6^2 + (0.3^2 + 0.4^2) / 4 = 0.65^2 mm^2; k = 50; sigma_k = 0.65 / 0.4
+  EXPECT_EQ(all[0]["displacement_mm"], "20");
+  EXPECT_EQ(all[0]["stiffness_N_per_m"], "50");
+  EXPECT_NEAR(std::stod(all[0]["sigma_N_per_m"]), 1.625, 1e-9);
+  // the model: delta = 20 mm, standard error of the increment 0.3 mm
+  EXPECT_NEAR(std::stod(all[1]["stiffness_N_per_m"]), 50, 1e-9);
+  EXPECT_NEAR(std::stod(all[1]["sigma_N_per_m"]), 0.75, 1e-9);
+
+  record.curves[0].increment_se.clear();  // correlation not known: at most 0.1 + 0.4 mm
+  EXPECT_TRUE(contains(draw_figures(record, folder())[1].caption, "largest possible width"));
+  all = rows("figures/effective_stiffness.csv");
+  EXPECT_NEAR(std::stod(all[1]["sigma_N_per_m"]), 1.25, 1e-9);
+}
+
+TEST_F(ReportTest, NamesWithQuotesCommasAndMarkupAreDrawnAsText) {
+  RunRecord record = test::hanging_block();
+  record.title = "It's \"100 %\" <b>safe</b>; `ls` $x, {y} \\ \n\"; system(\"touch hacked\") #";
+  record.load_label = "load 'P'";
+  for (ReadingRecord& reading : record.readings) reading.trial = "first, \"good\" '" + reading.trial + "'";
+  EXPECT_EQ(draw_figures(record, folder()).size(), 5u);
+  EXPECT_FALSE(std::filesystem::exists(file("figures/hacked")));
+  EXPECT_TRUE(contains(read_file(file("figures/residuals.csv")), "\"first, \"\"good\"\" 'a'\""));
+}
+
+TEST_F(ReportTest, ARecordWithoutResultsIsStillReported) {
+  RunRecord record = test::hanging_block();
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  record.fit.status = FitStatus::start_failed;
+  record.fit.message = "the first simulation failed.";
+  record.curves.clear();
+  record.shapes.clear();
+  for (ReadingRecord& reading : record.readings) reading.predicted = reading.prediction_se = nan;
+  for (ParameterEstimate& estimate : record.fit.parameters) {
+    estimate.value = estimate.standard_error = nan;
+    estimate.lower95 = estimate.upper95 = std::nullopt;
+    estimate.upper = std::numeric_limits<double>::infinity();
+  }
+  record.fit.chi_squared = record.fit.chi_squared_p = nan;
+  record.variants[0].values = {nan};
+  write_run(record, folder());
+  const std::string html = read_file(file("report.html"));
+  EXPECT_TRUE(contains(html, "The fit has not converged (start failed): the first simulation failed."));
+  EXPECT_TRUE(contains(html, "open on both sides"));
+  EXPECT_TRUE(contains(html, "no limit"));
+  for (const char* bad : {">nan", " nan", ">inf<", " inf ", ">-nan", "inf Pa", "nan %"})
+    EXPECT_FALSE(contains(html, bad)) << bad;
+  write_run(RunRecord(), folder() + "/empty");
+}
+
+TEST_F(ReportTest, AMissingGnuplotIsNamedWithTheRemedyAndTheResultIsKept) {
+  const std::string path = std::getenv("PATH");
+  setenv("PATH", "/nonexistent", 1);
+  expect_input_error([&] { write_run(test::hanging_block(), folder()); },
+                     {"gnuplot was not found", "apt-get install gnuplot-nox", "taut report"});
+  setenv("PATH", path.c_str(), 1);
+  EXPECT_EQ(to_json(read_run(folder())), to_json(test::hanging_block()));
+  EXPECT_TRUE(std::filesystem::exists(file("predictions.csv")));
+}
+
+TEST_F(ReportTest, AFailingGnuplotIsQuoted) {
+  write_file(file("bin/gnuplot"),
+             "#!/bin/sh\necho '\"x.gp\" line 3: unknown or ambiguous terminal name' >&2\nexit 1\n");
+  std::filesystem::permissions(file("bin/gnuplot"), std::filesystem::perms::owner_all);
+  const std::string path = std::getenv("PATH");
+  setenv("PATH", (file("bin") + ":" + path).c_str(), 1);
+  expect_input_error([&] { draw_figures(test::hanging_block(), folder()); },
+                     {"force_displacement.gp", "line 3: unknown or ambiguous terminal name", "pdfcairo"});
+  setenv("PATH", path.c_str(), 1);
+}
+
+TEST_F(ReportTest, ThePageLoadsNothingFromAnywhere) {
+  write_run(test::hanging_block(), folder());
+  const std::string html = read_file(file("report.html"));
+  EXPECT_FALSE(contains(html, "<script"));
+  EXPECT_FALSE(contains(html, "<link"));
+  EXPECT_FALSE(contains(html, "@import"));
+  EXPECT_FALSE(contains(html, "http"));
+  EXPECT_TRUE(attributes(html, "src").empty());
+  for (const std::string& target : attributes(html, "href")) EXPECT_EQ(target[0], '#') << target;
+  size_t figures = 0;
+  for (size_t at = html.find("<figure>"); at != std::string::npos; at = html.find("<figure>", at + 1)) ++figures;
+  EXPECT_EQ(figures, 5u);
+}
+
+TEST_F(ReportTest, IdsAreUniqueAndReferencesFindThem) {
+  write_run(test::tendon_finger(), folder());
+  const std::string html = read_file(file("report.html"));
+  std::set<std::string> ids;
+  for (const std::string& id : attributes(html, " id")) EXPECT_TRUE(ids.insert(id).second) << id << " stands twice";
+  EXPECT_GT(ids.size(), 20u);
+  const std::vector<std::string> targets = attributes(html, "href");
+  EXPECT_GT(targets.size(), 20u);
+  for (const std::string& target : targets) EXPECT_TRUE(ids.contains(target.substr(1))) << target << " is not there";
+}
+
+TEST_F(ReportTest, SimulatedDataAreCalledSoEverywhere) {
+  RunRecord record = test::tendon_finger();
+  for (const Figure& figure : draw_figures(record, folder())) {
+    EXPECT_TRUE(contains(figure.title, "SIMULATED DATA")) << figure.name;
+    EXPECT_TRUE(contains(figure.svg, "SIMULATED DATA")) << figure.name;
+  }
+  EXPECT_TRUE(contains(html_of(record), "class=\"banner\">SIMULATED DATA"));
+  record.simulated = false;
+  EXPECT_FALSE(contains(html_of(record), "SIMULATED"));
+}
+
+TEST_F(ReportTest, TheFirstSentenceIsTheAnswer) {
+  const std::string html = html_of(test::hanging_block());
+  EXPECT_TRUE(contains(html, "E_silicone = 274.1 kPa, 95 % interval 271.4 to 276.9 kPa, well determined."));
+  EXPECT_TRUE(contains(html, "Other meshes move E_silicone by -8.4 % to +0.4 %."));
+  EXPECT_TRUE(contains(html, "E_silicone differs by +3.9 % from 263.8 kPa"));
+  EXPECT_TRUE(contains(html_of(test::tendon_finger()), "95 % interval open to 0.46, bounded from one side."));
+  RunRecord weak = test::hanging_block();
+  weak.fit.parameters[0].lower95 = 12;
+  weak.fit.parameters[0].upper95.reset();
+  EXPECT_TRUE(contains(html_of(weak), "95 % interval 12 Pa to open")) << "an end near zero keeps its own digits";
+}
+
+TEST_F(ReportTest, AMisfitIsExplained) {
+  const std::string misfit = html_of(test::hanging_block());
+  EXPECT_TRUE(contains(misfit, "does not fit within the declared noise"));
+  EXPECT_TRUE(contains(misfit, "The intervals count the declared standard deviations only"));
+  EXPECT_TRUE(contains(misfit, "F = 12.66 with 8 and 9 degrees of freedom, probability less than 0.001"));
+  EXPECT_TRUE(contains(misfit, "More repeats will not help"));
+  EXPECT_TRUE(contains(misfit, "The largest residual is 0.819 mm (line 18 of the data, channel tip_left)"));
+  RunRecord good = test::hanging_block();
+  good.fit.chi_squared = 16;
+  good.fit.chi_squared_p = 0.52;
+  good.fit.lack_of_fit = {true, 8, 9, 8, 9, 1, 0.5};
+  EXPECT_TRUE(contains(html_of(good), "fits the readings within their declared noise"));
+  EXPECT_TRUE(contains(html_of(good), "That is within chance"));
+}
+
+TEST_F(ReportTest, CorrelationsAreShownForSeveralParameters) {
+  EXPECT_TRUE(contains(html_of(test::tendon_finger()), "-0.830"));
+  EXPECT_FALSE(contains(html_of(test::hanging_block()), "Correlation of the estimates"));
+}
+
+TEST_F(ReportTest, TextIsEscaped) {
+  RunRecord record = test::hanging_block();
+  const std::string nasty = "<script>alert('x')</script> & \"more\"";
+  record.title = record.fit.message = record.provenance.command_line = record.provenance.machine = nasty;
+  record.fit.parameters[0].explanation = record.fit.parameters[0].spec.meaning = nasty;
+  record.references[0].source = record.variants[0].name = record.variants[0].mesh = nasty;
+  record.remarks = {nasty};
+  record.setup = {{nasty, nasty}};
+  record.readings[0].trial = record.readings[0].channel = nasty;
+  record.provenance.inputs = {{nasty, nasty}};
+  const std::string html = html_of(record);
+  EXPECT_FALSE(contains(html, "<script"));
+  EXPECT_FALSE(contains(html, "alert('x')"));
+  EXPECT_TRUE(contains(html, "&lt;script&gt;alert(&#39;x&#39;)&lt;/script&gt; &amp; &quot;more&quot;"));
+}
+
+TEST_F(ReportTest, PredictionsCarryTheirUnitsInTheHeader) {
+  RunRecord record = test::hanging_block();
+  record.control_units = {"N/m"};
+  write_file(file("predictions.csv"), predictions_csv(record));
+  const std::string text = read_file(file("predictions.csv"));
+  EXPECT_EQ(text.substr(0, text.find('\n')),
+            "line,trial,channel,tip_load_N_per_m,measured_m,sigma_m,predicted_m,prediction_se_m,residual_m,"
+            "normalised_residual");
+  EXPECT_EQ(parse_header("tip_load_N_per_m", {Quantity::line_load}, "here").name, "tip_load");
+  EXPECT_EQ(parse_header("prediction_se_m", {Quantity::length}, "here").name, "prediction_se");
+  auto all = rows("predictions.csv");
+  ASSERT_EQ(all.size(), 18u);
+  EXPECT_EQ(all[0]["line"], "2");
+  EXPECT_EQ(all[0]["trial"], "a");
+  EXPECT_EQ(all[0]["measured_m"], "-0.006494");
+  EXPECT_NEAR(std::stod(all[0]["residual_m"]), -0.006494 + 1.01 * 0.0069, 1e-12);
+  EXPECT_NEAR(std::stod(all[0]["normalised_residual"]), 2.375, 1e-9);
+  EXPECT_EQ(all[17]["tip_load_N_per_m"], "1.00062");
+}
+
+}  // namespace
+}  // namespace taut

@@ -1,0 +1,223 @@
+#include "reports/run_record.hpp"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <nlohmann/json.hpp>
+
+#include "tests/support/message.hpp"
+#include "tests/support/run_records.hpp"
+
+namespace taut {
+namespace {
+
+using test::expect_input_error;
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+/// A folder for one test, removed at its end.
+class RunRecordTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    folder_ = std::filesystem::temp_directory_path() /
+              ("taut_" + std::string(::testing::UnitTest::GetInstance()->current_test_info()->name()) +
+               std::to_string(getpid()));
+    std::filesystem::remove_all(folder_);
+    std::filesystem::create_directories(folder_);
+  }
+  void TearDown() override { std::filesystem::remove_all(folder_); }
+  std::string path(const std::string& name) const { return (folder_ / name).string(); }
+
+  /// Writes fit.json of the hanging block after `edit` has changed it.
+  template <class Edit>
+  void write_edited(Edit&& edit) const {
+    nlohmann::ordered_json json = nlohmann::ordered_json::parse(to_json(test::hanging_block()));
+    edit(json);
+    write_file(path("fit.json"), json.dump());
+  }
+
+  std::filesystem::path folder_;
+};
+
+TEST_F(RunRecordTest, ReadingBackReproducesTheRecord) {
+  for (const RunRecord& record : {test::hanging_block(), test::tendon_finger(), RunRecord()}) {
+    write_file(path("fit.json"), to_json(record));
+    const RunRecord again = read_run(folder_.string());
+    EXPECT_EQ(to_json(again), to_json(record));
+    EXPECT_EQ(again.parameter_ids, record.parameter_ids);
+    EXPECT_EQ(again.fit.p, record.fit.p);
+    EXPECT_EQ(again.load_newtons, record.load_newtons);
+    EXPECT_EQ(again.series, record.series);
+    EXPECT_EQ(again.simulated, record.simulated);
+    ASSERT_EQ(again.readings.size(), record.readings.size());
+    for (size_t i = 0; i < again.readings.size(); ++i) {
+      EXPECT_EQ(again.readings[i].measured, record.readings[i].measured);
+      EXPECT_EQ(again.readings[i].controls, record.readings[i].controls);
+    }
+  }
+}
+
+TEST_F(RunRecordTest, DoublesKeepEveryBit) {
+  RunRecord record = test::hanging_block();
+  record.fit.chi_squared = 0.1 + 0.2;
+  record.fit.p[0] = std::nextafter(274.1e3, 1e9);
+  record.replay_seconds = 5e-324;
+  record.references[0].value = std::numeric_limits<double>::max();
+  write_file(path("fit.json"), to_json(record));
+  const RunRecord again = read_run(folder_.string());
+  EXPECT_EQ(again.fit.chi_squared, record.fit.chi_squared);
+  EXPECT_EQ(again.fit.p[0], record.fit.p[0]);
+  EXPECT_EQ(again.replay_seconds, record.replay_seconds);
+  EXPECT_EQ(again.references[0].value, record.references[0].value);
+}
+
+TEST_F(RunRecordTest, OpenIntervalsInfiniteBoundsAndNaNAreNull) {
+  RunRecord record = test::tendon_finger();
+  ParameterEstimate& estimate = record.fit.parameters[0];
+  estimate.lower95.reset();
+  estimate.upper95.reset();
+  estimate.lower = -kInfinity;
+  estimate.upper = kInfinity;
+  estimate.standard_error = kNaN;
+  estimate.verdict = Verdict::tied;
+  record.fit.correlation(0, 1) = kNaN;
+  record.readings[0].predicted = kNaN;
+  record.fit.status = FitStatus::interrupted;
+  const std::string text = to_json(record);
+  const auto json = nlohmann::json::parse(text);
+  EXPECT_TRUE(json["parameters"][0]["interval95"][0].is_null());
+  EXPECT_TRUE(json["parameters"][0]["bounds"][1].is_null());
+  EXPECT_TRUE(json["parameters"][0]["standard_error"].is_null());
+  write_file(path("fit.json"), text);
+  const RunRecord again = read_run(folder_.string());
+  const ParameterEstimate& read = again.fit.parameters[0];
+  EXPECT_FALSE(read.lower95.has_value());
+  EXPECT_FALSE(read.upper95.has_value());
+  EXPECT_EQ(read.lower, -kInfinity);
+  EXPECT_EQ(read.upper, kInfinity);
+  EXPECT_EQ(read.spec.upper, kInfinity);
+  EXPECT_TRUE(std::isnan(read.standard_error));
+  EXPECT_EQ(read.verdict, Verdict::tied);
+  EXPECT_EQ(again.fit.status, FitStatus::interrupted);
+  EXPECT_TRUE(std::isnan(again.fit.correlation(0, 1)));
+  EXPECT_TRUE(std::isnan(again.readings[0].predicted));
+  EXPECT_FALSE(again.fit.parameters[1].spec.logarithmic);
+  EXPECT_TRUE(again.fit.parameters[0].spec.logarithmic);
+}
+
+TEST_F(RunRecordTest, TheSchemaStandsFirstAndKeysKeepTheirOrder) {
+  const auto json = nlohmann::ordered_json::parse(to_json(test::hanging_block()));
+  std::vector<std::string> keys;
+  for (const auto& [key, value] : json.items()) keys.push_back(key);
+  ASSERT_GT(keys.size(), 7u);
+  EXPECT_EQ(std::vector<std::string>(keys.begin(), keys.begin() + 7),
+            (std::vector<std::string>{"schema", "title", "data", "status", "message", "parameters", "fit"}));
+  EXPECT_EQ(json["schema"], "taut-fit-1");
+  EXPECT_EQ(json["data"], "measured");
+  EXPECT_EQ(json["parameters"][0]["verdict"], "well determined");
+  EXPECT_EQ(json["fit"]["covariance_scale"][0], "logarithm");
+  EXPECT_EQ(json["fit"]["all_parameters"]["nu"], 0.499);
+}
+
+TEST_F(RunRecordTest, TextThatIsNotUtf8IsWrittenWithReplacements) {
+  RunRecord record = test::hanging_block();
+  record.title = "caf\xe9";
+  write_file(path("fit.json"), to_json(record));
+  EXPECT_EQ(read_run(folder_.string()).title, "caf\xef\xbf\xbd");
+}
+
+TEST_F(RunRecordTest, ValuesWithoutIdsAreAProgrammingError) {
+  RunRecord record = test::hanging_block();
+  record.parameter_ids.pop_back();
+  EXPECT_THROW(to_json(record), std::logic_error);
+}
+
+TEST_F(RunRecordTest, WhatIsWrongWithAFolderIsSaidWithTheRemedy) {
+  expect_input_error([&] { read_run(path("nowhere")); }, {path("nowhere"), "no such folder", "taut fit"});
+  expect_input_error([&] { read_run(folder_.string()); }, {path("fit.json"), "is missing", "run 'taut fit'"});
+  write_file(path("file"), "x");
+  expect_input_error([&] { read_run(path("file")); }, {path("file"), "is not a folder"});
+}
+
+TEST_F(RunRecordTest, WhatIsWrongWithFitJsonIsSaidWithItsKey) {
+  const auto read = [&] { read_run(folder_.string()); };
+  write_file(path("fit.json"), "{\n\"schema\": \"taut-fit-1\",\n oops\n}");
+  expect_input_error(read, {path("fit.json"), "is not JSON (line 3)", "run the fit again"});
+  write_file(path("fit.json"), "[]");
+  expect_input_error(read, {path("fit.json"), "holds no JSON object"});
+  write_file(path("fit.json"), "{}");
+  expect_input_error(read, {path("fit.json"), "'schema' is missing"});
+
+  write_edited([](auto& json) { json["schema"] = "taut-fit-9"; });
+  expect_input_error(read,
+                     {path("fit.json"), "the schema is \"taut-fit-9\"", "reads \"taut-fit-1\"", "run the fit again"});
+  write_edited([](auto& json) { json["fit"].erase("dof"); });
+  expect_input_error(read, {path("fit.json"), "'fit.dof' is missing"});
+  write_edited([](auto& json) { json["readings"][2].erase("sigma"); });
+  expect_input_error(read, {"'readings[2].sigma' is missing"});
+  write_edited([](auto& json) { json["readings"][2].erase("load_N"); });
+  expect_input_error(read, {"'readings[2].load_N' is missing"});
+  write_edited([](auto& json) { json["fit"]["dof"] = 1.5; });
+  expect_input_error(read, {"'fit.dof' holds 1.5 where a whole number is needed"});
+  write_edited([](auto& json) { json["title"] = 7; });
+  expect_input_error(read, {"'title' holds 7 where text is needed"});
+  write_edited([](auto& json) { json["parameters"][0]["value"] = "big"; });
+  expect_input_error(read, {"'parameters[0].value' holds \"big\" where a number or null is needed"});
+  write_edited([](auto& json) { json["parameters"][0]["verdict"] = "splendid"; });
+  expect_input_error(read,
+                     {"'parameters[0].verdict' holds \"splendid\"", "one of: well determined, weakly determined"});
+  write_edited([](auto& json) { json["status"] = "done"; });
+  expect_input_error(read, {"'status' holds \"done\"", "converged"});
+  write_edited([](auto& json) { json["data"] = "guessed"; });
+  expect_input_error(read, {"'data' holds \"guessed\"", "\"measured\" or \"simulated\""});
+  write_edited([](auto& json) { json["curves"] = 3; });
+  expect_input_error(read, {"'curves' holds 3 where a list is needed"});
+  write_edited([](auto& json) { json["parameters"][0]["bounds"] = {1}; });
+  expect_input_error(read, {"'parameters[0].bounds' holds [1] where a list of 2 is needed"});
+  write_edited([](auto& json) { json["fit"]["lack_of_fit"]["available"] = 1; });
+  expect_input_error(read, {"'fit.lack_of_fit.available' holds 1 where true or false is needed"});
+  write_edited([](auto& json) { json["provenance"] = "here"; });
+  expect_input_error(read, {"'provenance' holds \"here\" where an object is needed"});
+  write_edited([](auto& json) { json["fit"]["covariance_scale"][0] = "square"; });
+  expect_input_error(read, {"'fit.covariance_scale[0]' holds \"square\""});
+}
+
+TEST_F(RunRecordTest, FilesAreWrittenWholeWithTheirFolders) {
+  write_file(path("a/b/c.txt"), "one");
+  write_file(path("a/b/c.txt"), "two\n");
+  EXPECT_EQ(read_file(path("a/b/c.txt")), "two\n");
+  write_file(path("empty"), "");
+  EXPECT_EQ(read_file(path("empty")), "");
+  int files = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(path("a/b"))) files += entry.is_regular_file();
+  EXPECT_EQ(files, 1) << "a temporary file was left behind";
+}
+
+TEST_F(RunRecordTest, FilesThatCannotBeWrittenOrReadAreNamed) {
+  write_file(path("file"), "x");
+  expect_input_error([&] { write_file(path("file/below"), "y"); }, {path("file/below"), "cannot be written", "choose"});
+  std::filesystem::create_directories(folder_ / "folder" / "inside");
+  expect_input_error([&] { write_file(path("folder"), "y"); }, {path("folder"), "cannot be written"});
+  int entries = 0;
+  for ([[maybe_unused]] const auto& entry : std::filesystem::directory_iterator(folder_)) ++entries;
+  EXPECT_EQ(entries, 2) << "a temporary file was left behind";
+  expect_input_error([&] { read_file(path("nowhere")); }, {path("nowhere"), "cannot be read", "check the path"});
+  expect_input_error([&] { read_file(path("folder")); }, {path("folder"), "is a folder"});
+}
+
+TEST_F(RunRecordTest, Sha256AgreesWithThePublishedValues) {
+  // FIPS 180-2, appendix B.1 and B.3, and the empty message
+  write_file(path("abc"), "abc");
+  EXPECT_EQ(sha256_of(path("abc")), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+  write_file(path("million"), std::string(1000000, 'a'));
+  EXPECT_EQ(sha256_of(path("million")), "cdc76e5c9914fb9281a1c7e284d73e67f1809a48a497200e046d39ccc7112cd0");
+  write_file(path("empty"), "");
+  EXPECT_EQ(sha256_of(path("empty")), "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
+  expect_input_error([&] { sha256_of(path("nowhere")); }, {path("nowhere"), "cannot be read"});
+}
+
+}  // namespace
+}  // namespace taut
