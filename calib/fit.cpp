@@ -250,12 +250,14 @@ std::optional<double> profile_end(Evaluator& evaluator, const std::vector<FreePa
   };
   double inner = best.q[j], inner_rise = 0, step = std::max(guess, 1e-6);
   double outer = inner, outer_rise = 0;
+  std::vector<double> beyond = start;  // all parameters at `outer`
   for (int expansion = 0; expansion < 12; ++expansion, step *= 2) {
     if (evaluator.stopped()) return std::nullopt;
     outer = inner + sign * step;
     const bool at_bound = sign > 0 ? outer >= bound : outer <= bound;
     if (at_bound) outer = bound;
     outer_rise = rise_at(outer);
+    beyond = start;
     if (outer_rise >= profile_rise) break;
     if (at_bound) return std::nullopt;
     inner = outer;
@@ -272,6 +274,7 @@ std::optional<double> profile_end(Evaluator& evaluator, const std::vector<FreePa
     if (rise >= profile_rise) {
       outer = middle;
       outer_rise = rise;
+      beyond = start;
     } else {
       inner = middle;
       inner_rise = rise;
@@ -279,8 +282,8 @@ std::optional<double> profile_end(Evaluator& evaluator, const std::vector<FreePa
   }
   if (!std::isfinite(outer_rise)) return std::nullopt;
   for (size_t i = 0; alone && i < free.size(); ++i) {
-    const double margin = 1e-6 * range_of(free[i], evaluator.scale(i), evaluator.scale(i).outside(start[i]));
-    const double room = std::min(start[i] - evaluator.scale(i).inside(free[i].lower), evaluator.scale(i).inside(free[i].upper) - start[i]);
+    const double margin = 1e-6 * range_of(free[i], evaluator.scale(i), evaluator.scale(i).outside(beyond[i]));
+    const double room = std::min(beyond[i] - evaluator.scale(i).inside(free[i].lower), evaluator.scale(i).inside(free[i].upper) - beyond[i]);
     if (i != j && room < margin) return std::nullopt;
   }
   return 0.5 * (inner + outer);
