@@ -32,6 +32,12 @@ ParameterSpec control_spec(const std::string& id, Quantity quantity) {
   }
 }
 
+/// Loads and prescribed displacements are parameters beside the model's own, whose names they must not take.
+int declare_control(SceneBuilder& builder, const std::string& id, Quantity quantity, double value) {
+  if (builder.parameters().contains(id)) throw InputError(fmt::format("'{}' is a parameter of the model already; choose another id", id));
+  return builder.declare(control_spec(id, quantity), value);
+}
+
 void add_load(SceneBuilder& builder, const LoadSettings& load, int control, int gravity) {
   const Eigen::VectorXd direction = vector_of(load.direction);
   const int times = load.quantity == Quantity::mass ? gravity : -1;
@@ -55,6 +61,7 @@ auto at(const Experiment& experiment, const std::string& part, Action&& action) 
   try {
     return action();
   } catch (const InputError& error) {
+    if (std::string_view(error.what()).starts_with(experiment.path + ":")) throw;  // it says where, to the line
     throw InputError(fmt::format("{}: {}: {}", experiment.path, part, error.what()));
   }
 }
@@ -91,7 +98,7 @@ BenchModel make_model(const Experiment& experiment, const MeshSettings& settings
   std::map<std::string, int> control_index;
   for (size_t k = 0; k < experiment.bench.controls.size(); ++k) {
     const BenchFormat::Control& control = experiment.bench.controls[k];
-    result.controls.push_back(builder.declare(control_spec(control.id, quantities[k]), 0.0));
+    at(experiment, fmt::format("id '{}'", control.id), [&] { result.controls.push_back(declare_control(builder, control.id, quantities[k], 0.0)); });
     control_index[control.id] = result.controls.back();
   }
   for (const SupportSettings& support : experiment.supports) {
@@ -104,7 +111,7 @@ BenchModel make_model(const Experiment& experiment, const MeshSettings& settings
     at(experiment, fmt::format("[[load]] '{}'", load.id), [&] {
       int control;
       if (load.column.empty()) {
-        control = builder.declare(control_spec(load.id, load.quantity), load.value);
+        control = declare_control(builder, load.id, load.quantity, load.value);
         result.switched_off_at_rest.push_back(control);
       } else {
         control = control_index.at(load.id);
@@ -144,6 +151,9 @@ std::vector<FreeParameter> free_parameters(const Experiment& experiment, const P
     at(experiment, fmt::format("[fit.free.{}]", settings.id), [&] {
       FreeParameter parameter;
       parameter.index = protocol.parameters().index(settings.id);
+      for (const BenchFormat::Control& control : experiment.bench.controls) {
+        if (control.id == settings.id) throw InputError(fmt::format("'{}' is set by the bench, row by row, and cannot be fitted; free a parameter of the model", settings.id));
+      }
       const ParameterSpec& spec = protocol.parameters()[parameter.index];
       auto given = [&](const std::optional<GivenValue>& value, double otherwise) {
         return value ? parse_quantity(value->text, quantity_of_si_unit(spec.unit), value->where) : otherwise;

@@ -161,6 +161,7 @@ LoadSettings read_load(TableReader& table, const GeometrySettings& geometry) {
     load.value = parse_quantity(value, load.quantity, table.where("value"));
   }
   if (load.quantity == Quantity::pressure && !load.point.empty()) table.fail("point", "a traction acts on a face; use 'on'");
+  if (load.quantity == Quantity::line_load && !load.point.empty()) table.fail("point", "a line load acts on an edge, in 2D on a corner; use 'on'");
   table.finish();
   return load;
 }

@@ -205,7 +205,7 @@ Minimum minimise(Evaluator& evaluator, const std::vector<FreeParameter>& free, s
 /// linear solid are linear in those, so that a start a few times off comes near at once. At most a factor of three, because
 /// far from the truth the solid is not linear. Returns whether `q` moved; it stays when that does not lower chi squared.
 bool step_in_compliance(Evaluator& evaluator, const std::vector<FreeParameter>& free, std::vector<double>& q) {
-  if (!evaluator.evaluate(q.data())) return false;
+  if (!evaluator.evaluate(q.data()) || evaluator.stopped()) return false;
   const Eigen::VectorXd r = evaluator.residuals();
   // A least-squares step of minimum norm: parameters that the readings do not see stay where they are.
   const Eigen::VectorXd step = -evaluator.jacobian().completeOrthogonalDecomposition().solve(r);

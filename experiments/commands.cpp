@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <chrono>
 #include <filesystem>
 #include <map>
@@ -70,6 +71,10 @@ void print_fit(const RunRecord& record) {
   fmt::print("chi squared {:.4g} for {} degrees of freedom (p = {:.2g})", fit.chi_squared, fit.dof, fit.chi_squared_p);
   if (fit.lack_of_fit.available) fmt::print("; lack of fit F = {:.3g} (p = {:.2g})", fit.lack_of_fit.F, fit.lack_of_fit.p_value);
   fmt::print("\n");
+  if (fit.chi_squared_p < 0.05 && fit.dof > 0) {
+    fmt::print("  the curve misses the readings by more than the declared sigmas: model or sigmas are not right somewhere; if it were noise, standard errors would be {:.2g} times as large\n",
+               std::sqrt(fit.chi_squared / fit.dof));
+  }
   for (const VariantRecord& variant : record.variants) {
     std::string values;
     for (size_t j = 0; j < variant.values.size(); ++j) values += fmt::format("{}{} = {}", j == 0 ? "" : ", ", fit.parameters[j].spec.id, with_unit(variant.values[j], fit.parameters[j].spec.unit));
@@ -167,6 +172,7 @@ int check_command(const CommandOptions& options) {
   if (options.json) {
     Json json{{"title", record.title}, {"data", record.simulated ? "simulated" : "measured"}};
     for (const auto& [label, text] : record.setup) json["setup"].push_back({label, text});
+    json["free"] = Json::array();
     for (const FreeParameter& p : free) json["free"].push_back({{"id", table[p.index].id}, {"start", p.start}, {"bounds", {p.lower, p.upper}}, {"unit", table[p.index].unit}});
     json["warnings"] = record.remarks;
     fmt::print("{}\n", json.dump(2));
@@ -193,6 +199,9 @@ int replay_command(const CommandOptions& options) {
   Params p = protocol.nominal();
   for (const auto& [id, text] : options.set) {
     const int index = protocol.parameters().index(id);
+    if (std::find(protocol.controls().begin(), protocol.controls().end(), index) != protocol.controls().end()) {
+      throw InputError(fmt::format("--set {0}: '{0}' is set by the bench, row by row; change its column in a copy of the bench file", id));
+    }
     p[index] = parse_quantity(text, quantity_of_si_unit(protocol.parameters()[index].unit), "--set " + id);
     protocol.parameters().check(index, p[index]);
   }
@@ -280,7 +289,9 @@ int fit_command(const CommandOptions& options) {
   progress.say(fmt::format("{:.1f} s, {} evaluations, {} factorisations (one cold replay: {:.2f} s, {})", record.provenance.wall_seconds, record.fit.evaluations, record.fit_factorisations, record.replay_seconds, record.replay_factorisations));
   progress.say("report: " + (fs::path(folder) / "report.html").string());
   if (interrupted(options)) return exit_interrupted;
-  return record.fit.status == FitStatus::converged ? exit_ok : exit_fit;
+  if (record.fit.status == FitStatus::converged) return exit_ok;
+  fmt::print(stderr, "taut: the fit did not converge: {}\n", record.fit.message);
+  return exit_fit;
 }
 
 int predict_command(const CommandOptions& options) {

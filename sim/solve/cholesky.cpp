@@ -3,9 +3,23 @@
 #include <cholmod.h>
 #include <dlfcn.h>
 
+#include <atomic>
 #include <stdexcept>
 
 namespace taut {
+namespace {
+
+std::atomic<bool> one_thread = false;
+
+/// CHOLMOD asks OpenMP for four threads, whatever its environment variables say, and at our sizes they cost more than they
+/// bring: half of the processor time of a factorisation. This forbids them; OpenMP keeps the setting per calling thread.
+void forbid_openmp_threads() {
+  using Setter = void (*)(int);
+  static const auto setter = reinterpret_cast<Setter>(dlsym(RTLD_DEFAULT, "omp_set_max_active_levels"));
+  if (setter != nullptr) setter(0);
+}
+
+}  // namespace
 
 struct Cholesky::Implementation {
   cholmod_common common;
@@ -58,6 +72,7 @@ bool Cholesky::factorise(const std::vector<double>& values, double shift) {
   double beta[2] = {shift, 0};
   ++self.factorisations;
   self.common.status = CHOLMOD_OK;
+  if (one_thread) forbid_openmp_threads();
   cholmod_factorize_p(&A, beta, nullptr, 0, self.factor, &self.common);
   if (self.common.status == CHOLMOD_OUT_OF_MEMORY) throw std::bad_alloc();
   return self.common.status == CHOLMOD_OK && self.factor->minor == self.factor->n;
@@ -82,6 +97,7 @@ Eigen::MatrixXd Cholesky::solve(const Eigen::MatrixXd& b) const {
 int Cholesky::factorisations() const { return implementation_->factorisations; }
 
 bool use_one_blas_thread() {
+  one_thread = true;
   using Setter = void (*)(int);
   const auto setter = reinterpret_cast<Setter>(dlsym(RTLD_DEFAULT, "openblas_set_num_threads"));
   if (setter == nullptr) return false;

@@ -20,8 +20,8 @@ class WrongExperiment : public testing::Test {
     free_parameters(experiment, *bench.protocol);
   }
 
-  /// Opening the beam with `from` replaced by `to` fails; the message names the file and holds all `parts`. A part "@x" is
-  /// the file and the line of the first x in it.
+  /// Opening the beam with `from` replaced by `to` fails; the message names the file and holds all `parts`. A part "@x"
+  /// is the file and the line of the first x in it.
   void refuses(const std::string& from, const std::string& to, std::vector<std::string> parts) const {
     const std::string text = replaced(beam_toml, from, to), path = folder_.write("beam.toml", text);
     folder_.write("bench.csv", csv_);
@@ -73,7 +73,8 @@ TEST_F(WrongExperiment, UnknownTables) {
 }
 
 TEST_F(WrongExperiment, UnitsThatAreMissingOrWrong) {
-  refuses("E = \"100 kPa\"", "E = 100000", {"@E = 100000", "[materials.foam] E", "pressure", "in quotes with its unit", "kPa"});
+  refuses("E = \"100 kPa\"", "E = 100000",
+          {"@E = 100000", "[materials.foam] E", "pressure", "in quotes with its unit", "kPa"});
   refuses("E = \"100 kPa\"", "E = \"100000\"", {"@E = ", "has no unit", "kPa"});
   refuses("E = \"100 kPa\"", "E = \"100 kN\"", {"@E = ", "'kN' is not a unit of pressure", "Pa"});
   refuses("E = \"100 kPa\"", "E = \"100kPa\"", {"@E = ", "blank between number and unit", "'100 kPa'"});
@@ -134,7 +135,8 @@ TEST_F(WrongExperiment, NumbersThatAreNotPhysical) {
 }
 
 TEST_F(WrongExperiment, NamesThatAreNotKnown) {
-  refuses("data = \"simulated\"", "data = \"simulatd\"", {"@data", "'simulatd'", "did you mean 'simulated'", "measured"});
+  refuses("data = \"simulated\"", "data = \"simulatd\"",
+          {"@data", "'simulatd'", "did you mean 'simulated'", "measured"});
   refuses("law = \"neo_hookean\"", "law = \"neo_hokean\"", {"@law", "did you mean 'neo_hookean'", "allowed:"});
   refuses("kind = \"rectangle\"", "kind = \"rectangel\"", {"@kind", "did you mean 'rectangle'", "polygons"});
   refuses("plane = \"strain\"", "plane = \"stres\"", {"@plane", "did you mean 'stress'"});
@@ -145,7 +147,8 @@ TEST_F(WrongExperiment, NamesThatAreNotKnown) {
           "on = \"top\"\ndirection = [0, -1]\ncolumn = \"pull_N\"", {"[[load]] 'pull'", "top", "ymax"});
   refuses("on = \"xmax\"\ndirection = [0, -1]\ncolumn = \"tip_mm\"",
           "on = \"xmax & ymiddle\"\ndirection = [0, -1]\ncolumn = \"tip_mm\"", {"[[channel]] 'tip'", "ymiddle"});
-  refuses("[fit.free.E_foam]", "[fit.free.E_foma]", {"[fit.free.E_foma]", "unknown parameter", "did you mean 'E_foam'"});
+  refuses("[fit.free.E_foam]", "[fit.free.E_foma]",
+          {"[fit.free.E_foma]", "unknown parameter", "did you mean 'E_foam'"});
 }
 
 TEST_F(WrongExperiment, RegionsAndMaterialsThatDoNotMatch) {
@@ -158,15 +161,18 @@ TEST_F(WrongExperiment, RegionsAndMaterialsThatDoNotMatch) {
 TEST_F(WrongExperiment, PlacesThatAreNotOnTheBody) {
   const std::string load = "on = \"xmax\"\ndirection = [0, -1]\ncolumn = \"pull_N\"";
   const std::string channel = "on = \"xmax\"\ndirection = [0, -1]\ncolumn = \"tip_mm\"";
-  refuses(load, "point = [\"70 mm\", \"6 mm\"]\ndirection = [0, -1]\ncolumn = \"pull_N\"", {"[[load]] 'pull'", "10 mm"});
+  refuses(load, "point = [\"70 mm\", \"6 mm\"]\ndirection = [0, -1]\ncolumn = \"pull_N\"",
+          {"[[load]] 'pull'", "10 mm"});
   refuses(channel, "point = [\"30 mm\", \"20 mm\"]\ndirection = [0, -1]\ncolumn = \"tip_mm\"",
           {"[[channel]] 'tip'", "8 mm"});
-  refuses(channel, "point = [\"30 mm\"]\ndirection = [0, -1]\ncolumn = \"tip_mm\"", {"@point", "1 entries", "2 belong"});
+  refuses(channel, "point = [\"30 mm\"]\ndirection = [0, -1]\ncolumn = \"tip_mm\"",
+          {"@point", "1 entries", "2 belong"});
   refuses(load, "on = \"xmax\"\npoint = [\"60 mm\", \"6 mm\"]\ndirection = [0, -1]\ncolumn = \"pull_N\"",
           {"[load]", "either 'on'", "or 'point'"});
   refuses(load, "direction = [0, -1]\ncolumn = \"pull_N\"", {"[load]", "either 'on'", "or 'point'"});
   refuses(channel, "direction = [0, -1]\ncolumn = \"tip_mm\"", {"[channel]", "either 'point'", "or 'on'"});
-  refuses(channel, channel + "\nstandoff = [\"0 mm\", \"6 mm\"]\nturns_with = \"xmax\"", {"@standoff", "needs 'point'"});
+  refuses(channel, channel + "\nstandoff = [\"0 mm\", \"6 mm\"]\nturns_with = \"xmax\"",
+          {"@standoff", "needs 'point'"});
 }
 
 TEST_F(WrongExperiment, LoadsThatAreNotDefined) {
@@ -191,7 +197,8 @@ TEST_F(WrongExperiment, SupportsThatDoNotHold) {
   refuses("fix = [\"x\", \"y\"]\n", "", {"[support]", "needs 'fix'", "'move'"});
   refuses("fix = [\"x\", \"y\"]", "fix = [\"x\", \"y\"]\nmove = \"x\"\nid = \"travel\"\ncolumn = \"travel_mm\"",
           {"travel_mm"});
-  refuses("fix = [\"x\", \"y\"]", "fix = [\"x\", \"y\"]\nmove = \"x\"\nid = \"travel\"", {"[support]", "'column' is missing"});
+  refuses("fix = [\"x\", \"y\"]", "fix = [\"x\", \"y\"]\nmove = \"x\"\nid = \"travel\"",
+          {"[support]", "'column' is missing"});
   csv_ = "trial,pull_N,tip_mm,travel_mm\na,0.05,1,0\n";
   refuses("fix = [\"x\", \"y\"]", "fix = [\"x\", \"y\"]\nmove = \"x\"\nid = \"travel\"\ncolumn = \"travel_mm\"",
           {"[[support]] on 'xmin'", "already prescribed"});
@@ -200,8 +207,10 @@ TEST_F(WrongExperiment, SupportsThatDoNotHold) {
 TEST_F(WrongExperiment, ElementsThatCannotBeCombined) {
   refuses("element = \"quadratic\"", "element = \"linear\"\nformulation = \"locking_free\"",
           {"@formulation", "needs quadratic elements", "element = \"quadratic\""});
-  refuses("[fit.free.E_foam]", "[[fit.variant]]\nname = \"a\"\nformulation = \"locking_free\"\nelement = \"linear\"\n"
-          "[fit.free.E_foam]", {"@formulation", "[fit.variant]", "needs quadratic elements"});
+  refuses("[fit.free.E_foam]",
+          "[[fit.variant]]\nname = \"a\"\nformulation = \"locking_free\"\nelement = \"linear\"\n"
+          "[fit.free.E_foam]",
+          {"@formulation", "[fit.variant]", "needs quadratic elements"});
   refuses("cells = [10, 4]", "size = \"2 mm\"\ncells = [10, 4]", {"@size = \"2 mm\"", "unknown key 'size'"});
 }
 
@@ -224,9 +233,11 @@ TEST_F(WrongExperiment, BenchesThatDoNotMatch) {
 }
 
 TEST_F(WrongExperiment, FreeParametersWithWrongBounds) {
-  refuses("start = \"50 kPa\"", "start = \"50 MPa\"", {"[fit.free.E_foam]", "start 50 MPa", "between the bounds 1 kPa and 10 MPa"});
+  refuses("start = \"50 kPa\"", "start = \"50 MPa\"",
+          {"[fit.free.E_foam]", "start 50 MPa", "between the bounds 1 kPa and 10 MPa"});
   refuses("lower = \"1 kPa\"", "lower = \"60 kPa\"", {"[fit.free.E_foam]", "start 50 kPa", "60 kPa"});
-  refuses("lower = \"1 kPa\"\nupper = \"10 MPa\"", "lower = \"50 kPa\"\nupper = \"50 kPa\"", {"[fit.free.E_foam]", "bounds"});
+  refuses("lower = \"1 kPa\"\nupper = \"10 MPa\"", "lower = \"50 kPa\"\nupper = \"50 kPa\"",
+          {"[fit.free.E_foam]", "bounds"});
   refuses("lower = \"1 kPa\"", "lower = \"-1 kPa\"", {"[fit.free.E_foam]", "outside its physical range"});
   refuses("[fit.free.E_foam]", "[fit.free.nu_foam]\nupper = 0.6\n[fit.free.E_foam]",
           {"[fit.free.nu_foam]", "0.6", "outside its physical range"});
@@ -234,7 +245,8 @@ TEST_F(WrongExperiment, FreeParametersWithWrongBounds) {
 }
 
 TEST_F(WrongExperiment, ReferencesWithoutAValue) {
-  refuses("[bench]", "[[fit.reference]]\nparameter = \"E_foam\"\nsource = \"book\"\n[bench]", {"[fit.reference]", "'value' is missing"});
+  refuses("[bench]", "[[fit.reference]]\nparameter = \"E_foam\"\nsource = \"book\"\n[bench]",
+          {"[fit.reference]", "'value' is missing"});
 }
 
 }  // namespace

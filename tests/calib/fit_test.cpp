@@ -28,7 +28,9 @@ FitOptions precise() {
   return options;
 }
 
-Eigen::VectorXd values_of(ClosedFormProtocol& protocol) { return protocol.predict(protocol.nominal(), {}).values; }
+Eigen::VectorXd values_of(ClosedFormProtocol& protocol) {
+  return protocol.predict(protocol.nominal(), {}).values;
+}
 
 // ---- what a fit finds
 
@@ -249,8 +251,8 @@ StaticProtocol finite_element_cantilever() {
   const int force = builder.declare({"force", "F", "N", -10, 10, "load on the tip"}, 0);
   builder.add_force("xmax", Eigen::Vector2d(0, -1), force);
   std::vector<NamedChannel> channels;
-  channels.push_back({"tip", make_linear_channel(mean_weights(builder.mesh(), builder.mesh().select("xmax"),
-                                                              Eigen::Vector2d(0, -1)))});
+  channels.push_back({"tip", make_linear_channel(
+                                 mean_weights(builder.mesh(), builder.mesh().select("xmax"), Eigen::Vector2d(0, -1)))});
   std::vector<StaticRow> rows;
   for (const double load : {0.005, 0.01, 0.015, 0.02}) rows.push_back({{load}, 0});
   return {builder.build(), std::move(channels), {force}, {}, rows, {}};

@@ -171,8 +171,7 @@ TEST(Verdict, AParameterWithoutInfluenceIsInvisible) {
 
 TEST(Verdict, APlainNumberIsJudgedByTheRangeItMayHave) {
   // The same readings: an offset known to 0.01 is much in a range of 0.02 and nothing in a range of 20.
-  for (const auto& [range, verdict] :
-       {std::pair{20.0, Verdict::well_determined}, {0.05, Verdict::weakly_determined}}) {
+  for (const auto& [range, verdict] : {std::pair{20.0, Verdict::well_determined}, {0.05, Verdict::weakly_determined}}) {
     ClosedFormProtocol protocol = straight_line(kLoads);
     const FitResult result = fit(protocol, measured(Eigen::VectorXd::Zero(6), 0.01 * std::sqrt(6.0)),
                                  {{0, 0.1 * range, -0.5 * range, 0.5 * range}});
@@ -220,8 +219,11 @@ TEST(Fit, WrongQuestionsAreRefusedWithAMessage) {
   expect_input_error([&] { fit(protocol, one, {{0, std::nan(""), 100, 400}}); }, {"k", "start"});
   expect_input_error([&] { fit(protocol, one, {}); }, {"no free parameter", "[fit.free]"});
   ClosedFormProtocol line = straight_line(kLoads);
-  expect_input_error([&] { fit(line, one, {{0, 0, -1, 1}, {1, 0, -1, 1}}); },
-                     {"1 readings cannot determine 2 parameters", "fix parameters"});
+  expect_input_error(
+      [&] {
+        fit(line, one, {{0, 0, -1, 1}, {1, 0, -1, 1}});
+      },
+      {"1 readings cannot determine 2 parameters", "fix parameters"});
 }
 
 // ---- failing simulations
@@ -293,8 +295,7 @@ TEST(Fit, TooFewIterationsAreNotConvergence) {
   const Eigen::VectorXd y = protocol.predict(protocol.nominal(), {}).values;
   FitOptions options;
   options.max_iterations = 1;
-  const FitResult result =
-      fit(protocol, measured(y, 1e-5), {{0, 5e4, 10, 1e5}, {1, 0.03, 0.001, 0.1}}, options);
+  const FitResult result = fit(protocol, measured(y, 1e-5), {{0, 5e4, 10, 1e5}, {1, 0.03, 0.001, 0.1}}, options);
   EXPECT_EQ(result.status, FitStatus::not_converged);
   EXPECT_LE(result.iterations, 1);
 }
@@ -344,7 +345,8 @@ TEST(Fit, WhatIsReportedIsComputedAgainFromTheStartOfThePath) {
   EXPECT_EQ(result.status, FitStatus::converged);
 }
 
-/// A protocol whose warm path leads to another equilibrium than its cold one: by `gap`, and after forgetting for `calls` calls.
+/// A protocol whose warm path leads to another equilibrium than its cold one: by `gap`, and after forgetting for
+/// `calls` calls.
 class TwoPaths final : public Protocol {
  public:
   TwoPaths(double gap, int calls) : gap_(gap), calls_(calls) {}
@@ -374,8 +376,8 @@ TEST(Fit, AnOptimumThatTheProtocolsOwnPathDoesNotReachIsNotConvergence) {
 
 TEST(Fit, AFitWhoseHistoryLedElsewhereGoesOnFromTheProtocolsOwnPath) {
   TwoPaths protocol(1e-4, 1000);
-  const FitResult result = fit(protocol, measured(kLoads / 1000 + Eigen::VectorXd::Constant(6, 1e-4), 1e-6),
-                               {{0, 500, 100, 4000}});
+  const FitResult result =
+      fit(protocol, measured(kLoads / 1000 + Eigen::VectorXd::Constant(6, 1e-4), 1e-6), {{0, 500, 100, 4000}});
   EXPECT_EQ(result.status, FitStatus::converged) << result.message;
   EXPECT_NEAR(result.parameters[0].value, 1000, 1e-2) << "the answer of the cold path";
   EXPECT_LT(result.chi_squared, 1e-6);

@@ -18,8 +18,9 @@ struct Setup {
   EquilibriumOptions equilibrium = {};
 };
 
-/// A clamped beam of two regions that bends by a good part of its length under its weight, a force on its end and a push on
-/// its top; channels: mean deflection of the end, and a marker that turns with it. Two rows per load, one per channel.
+/// A clamped beam of two regions that bends by a good part of its length under its weight, a force on its end and a
+/// push on its top; channels: mean deflection of the end, and a marker that turns with it. Two rows per load, one per
+/// channel.
 StaticProtocol beam(const Setup& setup) {
   Mesh mesh = rectangle(graded(0.06, 12), graded(0.012, 3), 1, "soft");
   assign_regions(mesh, [](const Eigen::VectorXd& c) { return c[0] < 0.03 ? "soft" : "firm"; });
@@ -59,7 +60,9 @@ std::vector<int> some_free(const StaticProtocol& protocol) {
   return free;
 }
 
-double largest(const Eigen::VectorXd& v) { return v.cwiseAbs().maxCoeff(); }
+double largest(const Eigen::VectorXd& v) {
+  return v.cwiseAbs().maxCoeff();
+}
 
 TEST(StaticProtocol, DerivativesAreThoseOfTheWholePrediction) {
   for (const bool from_unloaded : {false, true}) {
@@ -97,9 +100,8 @@ TEST(StaticProtocol, DisplacementsFromTheUnloadedStateLackItsValueAndItsDerivati
   for (Eigen::Index row = 0; row < a.values.size(); ++row) {
     const Eigen::Index unloaded = row % 2;  // the first two rows have no load
     EXPECT_NEAR(b.values[row], a.values[row] - a.values[unloaded], 1e-10);
-    EXPECT_LT(
-        largest(b.derivatives.row(row) - a.derivatives.row(row) + a.derivatives.row(unloaded)),
-        1e-7 * largest(a.derivatives.row(row)));
+    EXPECT_LT(largest(b.derivatives.row(row) - a.derivatives.row(row) + a.derivatives.row(unloaded)),
+              1e-7 * largest(a.derivatives.row(row)));
   }
   EXPECT_EQ(b.values[0], 0);
   EXPECT_EQ(b.values[1], 0);

@@ -35,7 +35,8 @@ class ClosedFormProtocol final : public Protocol {
     prediction.values = failure.empty() ? y_(p) : Eigen::VectorXd::Constant(rows_, nan).eval();
     prediction.derivatives.resize(rows_, static_cast<Eigen::Index>(free.size()));
     const Eigen::MatrixXd all = dy_(p);
-    for (size_t j = 0; j < free.size(); ++j) prediction.derivatives.col(static_cast<Eigen::Index>(j)) = all.col(free[j]);
+    for (size_t j = 0; j < free.size(); ++j)
+      prediction.derivatives.col(static_cast<Eigen::Index>(j)) = all.col(free[j]);
     if (!failure.empty()) {
       prediction.derivatives.setConstant(nan);
       prediction.failures.push_back(failure);
@@ -56,8 +57,12 @@ class ClosedFormProtocol final : public Protocol {
 };
 
 /// A modulus [Pa], fitted as its logarithm, and a plain number.
-inline ParameterSpec modulus(const std::string& id) { return {id, id, "Pa", 1, 1e13, "modulus " + id, true}; }
-inline ParameterSpec plain(const std::string& id) { return {id, id, "1", -1e9, 1e9, "number " + id}; }
+inline ParameterSpec modulus(const std::string& id) {
+  return {id, id, "Pa", 1, 1e13, "modulus " + id, true};
+}
+inline ParameterSpec plain(const std::string& id) {
+  return {id, id, "1", -1e9, 1e9, "number " + id};
+}
 
 /// One measurement per row, each its own group.
 inline std::vector<Measurement> measured(const Eigen::VectorXd& values, double sigma) {

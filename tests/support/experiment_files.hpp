@@ -53,7 +53,8 @@ inline std::string replaced(std::string text, const std::string& from, const std
   return text.replace(at, from.size(), to);
 }
 
-/// A plane beam, 60 x 12 x 20 mm, clamped at its left end, loaded and watched at its right one: small enough for quick tests.
+/// A plane beam, 60 x 12 x 20 mm, clamped at its left end, loaded and watched at its right one: small enough for quick
+/// tests.
 inline const std::string beam_toml = R"(title = "A small beam"
 data = "simulated"
 

@@ -1,0 +1,370 @@
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <csignal>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "tests/support/experiment_files.hpp"
+
+// The command `taut` as its users meet it: arguments, exit codes, what goes to stdout, to stderr and to disk.
+namespace taut {
+namespace {
+
+using namespace test;
+using nlohmann::json;
+namespace fs = std::filesystem;
+
+struct Outcome {
+  int code = -1;
+  std::string out, err;
+};
+
+/// Starts the program with its streams in files; returns its process.
+pid_t start(const std::vector<std::string>& arguments, const std::string& folder) {
+  std::vector<std::string> words{TAUT_BINARY};
+  words.insert(words.end(), arguments.begin(), arguments.end());
+  std::vector<char*> argv;
+  for (std::string& word : words) argv.push_back(word.data());
+  argv.push_back(nullptr);
+  const pid_t child = fork();
+  if (child == 0) {
+    const bool ready = chdir(folder.c_str()) == 0 && std::freopen("stdout.txt", "w", stdout) != nullptr &&
+                       std::freopen("stderr.txt", "w", stderr) != nullptr;
+    if (ready) execv(argv[0], argv.data());
+    _exit(127);
+  }
+  return child;
+}
+
+Outcome finish(pid_t child, const std::string& folder) {
+  int status = 0;
+  waitpid(child, &status, 0);
+  Outcome outcome;
+  outcome.code = WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
+  outcome.out = text_of(folder + "/stdout.txt");
+  outcome.err = text_of(folder + "/stderr.txt");
+  return outcome;
+}
+
+Outcome run_in(const std::string& folder, const std::vector<std::string>& arguments) {
+  return finish(start(arguments, folder), folder);
+}
+
+void expect_holds(const std::string& text, const std::vector<std::string>& parts) {
+  for (const std::string& part : parts)
+    EXPECT_NE(text.find(part), std::string::npos) << part << " is not in:\n" << text;
+}
+
+/// The small beam with readings that the program itself made: E = 80 kPa, rounded to 10 um.
+class Command : public testing::Test {
+ protected:
+  Command() : here_(folder_ / "") {
+    fs::create_directory(folder_ / "beam");
+    experiment_ = folder_ / "beam/experiment.toml";
+    folder_.write("beam/experiment.toml", beam_toml);
+    folder_.write("beam/bench.csv", beam_csv);
+  }
+
+  Outcome taut(const std::vector<std::string>& arguments) const { return run_in(here_, arguments); }
+
+  /// Replaces the bench by a replay with E = 80 kPa.
+  void simulate_readings() const {
+    const Outcome replay =
+        taut({"replay", experiment_, "--set", "E_foam=80 kPa", "--json", "--quiet", "--out", folder_ / "synthetic"});
+    ASSERT_EQ(replay.code, 0) << replay.err;
+    const json result = json::parse(replay.out);
+    std::string csv = "trial,pull_N,tip_mm\n";
+    char line[100];
+    for (const json& row : result.at("rows")) {
+      std::snprintf(line, sizeof line, "%s,%.6g,%.2f\n", row.at("trial").get<std::string>().c_str(),
+                    row.at("controls")[0].get<double>(), 1e3 * row.at("predicted_m").get<double>());
+      csv += line;
+    }
+    folder_.write("beam/bench.csv", csv);
+  }
+
+  TemporaryFolder folder_;
+  std::string here_, experiment_;
+};
+
+std::vector<std::string> names_in(const std::string& folder) {
+  std::vector<std::string> names;
+  if (!fs::exists(folder)) return names;
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder))
+    names.push_back(entry.path().filename().string());
+  return names;
+}
+
+// ---- help and usage
+
+TEST_F(Command, HelpHasExamplesAndExitCodes) {
+  const Outcome help = taut({"--help"});
+  EXPECT_EQ(help.code, 0);
+  EXPECT_EQ(help.err, "");
+  expect_holds(help.out,
+               {"examples:", "taut fit experiments/silicone_block/experiment.toml", "commands:", "exit codes:", "130"});
+  for (const std::string command : {"check", "replay", "fit", "predict", "report"}) {
+    const Outcome own = taut({command, "--help"});
+    EXPECT_EQ(own.code, 0) << command;
+    EXPECT_EQ(own.err, "") << command;
+    expect_holds(own.out, {"examples:", "taut " + command + " ", "usage: taut " + command, "--json", "--quiet"});
+  }
+}
+
+TEST_F(Command, TheVersionIsToldWithItsCommit) {
+  const Outcome version = taut({"--version"});
+  EXPECT_EQ(version.code, 0);
+  expect_holds(version.out, {"taut ", "(", ")"});
+}
+
+TEST_F(Command, WrongUsageIsExitCodeTwoWithASentenceOnStderr) {
+  const auto refuses = [&](const std::vector<std::string>& arguments, const std::vector<std::string>& parts) {
+    const Outcome outcome = taut(arguments);
+    EXPECT_EQ(outcome.code, 2) << outcome.err;
+    EXPECT_EQ(outcome.out, "");
+    expect_holds(outcome.err, parts);
+    EXPECT_EQ(std::count(outcome.err.begin(), outcome.err.end(), '\n'), 1) << outcome.err;
+  };
+  refuses({"fti", experiment_}, {"unknown command 'fti'", "did you mean 'fit'", "check, replay, fit, predict, report"});
+  refuses({"check"}, {"EXPERIMENT is missing", "usage: taut check"});
+  refuses({"check", experiment_, "--jsn"}, {"--jsn"});
+  refuses({"check", experiment_, "another.toml"}, {"taut --help"});
+  refuses({"check", folder_ / "nowhere.toml"}, {"nowhere.toml", "check the path"});
+  refuses({"predict", folder_ / "beam"}, {"--rows FILE is missing"});
+  refuses({"predict", folder_ / "beam", "--rows", "x.csv"}, {"beam"});
+  refuses({"report", folder_ / "nowhere"}, {"nowhere"});
+  refuses({"replay", experiment_, "--set", "80 kPa"}, {"--set 80 kPa", "ID=VALUE"});
+  refuses({"replay", experiment_, "--set", "E_foma=80 kPa"}, {"E_foma", "did you mean 'E_foam'"});
+  refuses({"replay", experiment_, "--set", "E_foam=80 N"}, {"--set E_foam", "not a unit of pressure"});
+  refuses({"replay", experiment_, "--set", "nu_foam=0.7"}, {"nu_foam", "outside its physical range"});
+  refuses({"replay", experiment_, "--set", "pull=2 N"}, {"pull", "bench"});
+  refuses({"replay", experiment_, "--threads", "-1"}, {"threads"});
+  refuses({"replay", experiment_, "--threads", "many"}, {"threads", "many"});
+  EXPECT_EQ(taut({}).code, 2);
+}
+
+TEST_F(Command, WrongInputLeavesNothingBehind) {
+  folder_.write("beam/experiment.toml", replaced(beam_toml, "nu = 0.3", "nu = 0.7"));
+  for (const std::string command : {"check", "replay", "fit"}) {
+    std::vector<std::string> arguments{command, experiment_};
+    if (command != "check") arguments.insert(arguments.end(), {"--out", folder_ / "run"});
+    const Outcome outcome = taut(arguments);
+    EXPECT_EQ(outcome.code, 2);
+    expect_holds(outcome.err, {"experiment.toml:", "nu", "outside the physical range"});
+    EXPECT_FALSE(fs::exists(folder_ / "run")) << command;
+    EXPECT_FALSE(fs::exists(folder_ / "runs")) << command;
+  }
+  // Too few readings, nothing free: known only once the model is there.
+  folder_.write("beam/experiment.toml", beam_toml + "[fit.free.nu_foam]\n");
+  folder_.write("beam/bench.csv", "trial,pull_N,tip_mm\na,0.05,1\n");
+  EXPECT_EQ(taut({"fit", experiment_, "--out", folder_ / "run"}).code, 2);
+  folder_.write("beam/experiment.toml", beam_toml.substr(0, beam_toml.find("[fit.free")));
+  const Outcome outcome = taut({"fit", experiment_, "--out", folder_ / "run"});
+  EXPECT_EQ(outcome.code, 2);
+  expect_holds(outcome.err, {"no free parameter", "[fit.free]"});
+  EXPECT_FALSE(fs::exists(folder_ / "run"));
+}
+
+// ---- check
+
+TEST_F(Command, CheckOfTheSiliconeBlockSaysWhatItUnderstood) {
+  const std::string block = TAUT_SOURCE_DIR "/experiments/silicone_block/experiment.toml";
+  const Outcome text = taut({"check", block});
+  EXPECT_EQ(text.code, 0) << text.err;
+  expect_holds(text.out, {"measured", "box of 100 mm, 30 mm, 30 mm", "locking-free, 14 x 5 x 5 cells", "E = 200 kPa",
+                          "nu = 0.499", "density = 1070 kg/m3", "fixed in x, y, z", "column 'tip_load_N'", "tip_left",
+                          "18 readings", "3 conditions x 3 channels x 2 trials",
+                          "start 100 kPa, bounds 10 kPa to 10 MPa", "no problems found"});
+  const Outcome data = taut({"check", block, "--json"});
+  EXPECT_EQ(data.code, 0);
+  const json result = json::parse(data.out);
+  EXPECT_EQ(result.at("data"), "measured");
+  EXPECT_EQ(result.at("free")[0].at("id"), "E_silicone");
+  EXPECT_EQ(result.at("free")[0].at("start"), 1e5);
+  EXPECT_TRUE(result.at("warnings").empty());
+}
+
+TEST_F(Command, CheckWarnsAboutElementsThatLock) {
+  folder_.write("beam/experiment.toml",
+                replaced(replaced(beam_toml, "nu = 0.3", "nu = 0.49"), "\"quadratic\"", "\"linear\""));
+  const Outcome outcome = taut({"check", experiment_});
+  EXPECT_EQ(outcome.code, 0);
+  expect_holds(outcome.out, {"warning:", "locks", "locking_free", "linear elements bend too stiffly"});
+  folder_.write("beam/experiment.toml", beam_toml.substr(0, beam_toml.find("[fit.free")));
+  const Outcome nothing_free = taut({"check", experiment_, "--json"});
+  EXPECT_EQ(json::parse(nothing_free.out).at("free"), json::array());
+}
+
+// ---- replay
+
+TEST_F(Command, ReplayWritesItsTableToStdoutAndItsProgressToStderr) {
+  const Outcome outcome = taut({"replay", experiment_, "--out", folder_ / "replay"});
+  EXPECT_EQ(outcome.code, 0) << outcome.err;
+  expect_holds(outcome.out, {"SIMULATED DATA", "measured", "predicted", "50 mN"});
+  expect_holds(outcome.err, {"replaying 2 conditions", "factorisations"});
+  EXPECT_EQ(outcome.out.find("factorisations"), std::string::npos);
+  const std::string csv = text_of(folder_ / "replay/predictions.csv");
+  EXPECT_EQ(std::count(csv.begin(), csv.end(), '\n'), 5) << csv;
+  for (const std::string file : {"states/states.pvd", "states/state_000.vtu", "states/state_001.vtu"}) {
+    EXPECT_TRUE(fs::exists(folder_ / ("replay/" + file))) << file;
+  }
+
+  const Outcome quiet = taut({"replay", experiment_, "--out", folder_ / "replay", "--quiet", "--json"});
+  EXPECT_EQ(quiet.err, "");
+  const json result = json::parse(quiet.out);
+  ASSERT_EQ(result.at("rows").size(), 4u);
+  EXPECT_EQ(result.at("rows")[0].at("controls")[0], 0.05);
+  EXPECT_GT(result.at("rows")[1].at("predicted_m"), result.at("rows")[0].at("predicted_m"));
+  EXPECT_TRUE(result.at("failures").empty());
+}
+
+TEST_F(Command, AReplayThatFailsForOneLoadTellsTheOthersAndExitsWithThree) {
+  folder_.write("beam/experiment.toml", beam_toml + "[solver]\nmax_iterations = 10\nmax_halvings = 2\n");
+  folder_.write("beam/bench.csv", "trial,pull_N,tip_mm\na,0.05,1\na,1e6,2\n");
+  const Outcome outcome = taut({"replay", experiment_, "--out", folder_ / "replay", "--json", "--quiet"});
+  EXPECT_EQ(outcome.code, 3) << outcome.err;
+  const json result = json::parse(outcome.out);
+  EXPECT_TRUE(result.at("rows")[0].at("predicted_m").is_number());
+  EXPECT_TRUE(result.at("rows")[1].at("predicted_m").is_null());
+  EXPECT_EQ(result.at("failures").size(), 1u);
+  expect_holds(outcome.err, {"no equilibrium at pull = 1e+06 N", "E_foam = 100000"});
+}
+
+// ---- fit, predict, report
+
+TEST_F(Command, AFitWritesARunFolderThatPredictAndReportWorkFrom) {
+  simulate_readings();
+  const std::string run = folder_ / "run";
+  const Outcome fit = taut({"fit", experiment_, "--out", run, "--json"});
+  ASSERT_EQ(fit.code, 0) << fit.err;
+  expect_holds(fit.err, {"fitting 4 readings in 2 conditions", "report: ", "report.html"});
+  const json result = json::parse(fit.out);
+  EXPECT_EQ(result, json::parse(text_of(run + "/fit.json"))) << "stdout holds what the file holds";
+  const json& E = result.at("parameters").at(0);
+  EXPECT_EQ(E.at("id"), "E_foam");
+  EXPECT_EQ(E.at("unit"), "Pa");
+  EXPECT_EQ(E.at("verdict"), "well determined");
+  const double value = E.at("value"), error = E.at("standard_error"), lower = E.at("interval95")[0],
+               upper = E.at("interval95")[1];
+  EXPECT_NEAR(value, 8e4, 3 * error);
+  EXPECT_LT(lower, value);
+  EXPECT_GT(upper, value);
+  EXPECT_NEAR(upper - lower, 2 * 1.96 * error, 0.05 * error);
+  for (const std::string file :
+       {"report.html", "predictions.csv", "experiment.toml", "data.csv", "states/states.pvd"}) {
+    EXPECT_TRUE(fs::exists(run + "/" + file)) << file;
+  }
+  for (const std::string extension : {".svg", ".pdf", ".png", ".csv"}) {
+    int count = 0;
+    for (const std::string& name : names_in(run + "/figures")) count += name.ends_with(extension);
+    EXPECT_GE(count, 2) << extension;
+  }
+  expect_holds(text_of(run + "/report.html"), {"E_foam", "<svg", "</html>"});
+  EXPECT_EQ(text_of(run + "/data.csv"), text_of(folder_ / "beam/bench.csv"));
+
+  // At a fitted load predict tells what the fit told.
+  const std::string loads = folder_.write("loads.csv", "pull_N\n0\n0.1\n0.08\n");
+  const Outcome predict = taut({"predict", run, "--rows", loads, "--json", "--quiet"});
+  ASSERT_EQ(predict.code, 0) << predict.err;
+  EXPECT_EQ(predict.err, "");
+  const json rows = json::parse(predict.out).at("rows");
+  ASSERT_EQ(rows.size(), 3u);
+  EXPECT_NEAR(rows[0].at("predicted_m"), 0, 1e-12);
+  const json& fitted = result.at("readings").at(1);
+  EXPECT_NEAR(rows[1].at("predicted_m"), fitted.at("predicted").get<double>(), 1e-9);
+  EXPECT_NEAR(rows[1].at("standard_error_m"), fitted.at("prediction_se").get<double>(), 1e-8);
+  EXPECT_GT(rows[1].at("interval95_m")[1], rows[2].at("predicted_m"));
+  const Outcome table = taut({"predict", run, "--rows", loads});
+  expect_holds(table.out, {"line,channel,pull_N,predicted_m", "\n2,tip,0,", "\n3,tip,0.1,", "\n4,tip,0.08,"});
+  const std::string misnamed = folder_.write("wrong.csv", "pul_N\n0\n");
+  const Outcome wrong = taut({"predict", run, "--rows", misnamed});
+  EXPECT_EQ(wrong.code, 2);
+  expect_holds(wrong.err, {"wrong.csv", "pull_N"});
+
+  // The report comes back from fit.json alone, without the experiment's own files and without solving.
+  fs::remove_all(folder_ / "beam");
+  fs::remove_all(run + "/figures");
+  fs::remove(run + "/report.html");
+  const std::string before = text_of(run + "/fit.json");
+  const Outcome report = taut({"report", run});
+  EXPECT_EQ(report.code, 0) << report.err;
+  expect_holds(report.out, {"report.html"});
+  expect_holds(text_of(run + "/report.html"), {"E_foam", "<svg", "</html>"});
+  EXPECT_FALSE(names_in(run + "/figures").empty());
+  EXPECT_EQ(json::parse(text_of(run + "/fit.json")), json::parse(before));
+  // And predict still works: the folder explains itself.
+  EXPECT_EQ(taut({"predict", run, "--rows", loads, "--quiet"}).out, table.out);
+}
+
+TEST_F(Command, AFitTellsPeopleItsResultOnStdout) {
+  simulate_readings();
+  const Outcome fit = taut({"fit", experiment_, "--out", folder_ / "run", "--quiet"});
+  EXPECT_EQ(fit.code, 0) << fit.err;
+  EXPECT_EQ(fit.err, "");
+  expect_holds(fit.out, {"SIMULATED DATA", "E_foam = ", "95 % interval", "well determined", "chi squared"});
+}
+
+TEST_F(Command, TheRunFolderIsNamedAfterTheExperiment) {
+  simulate_readings();
+  EXPECT_EQ(taut({"replay", experiment_, "--quiet"}).code, 0);
+  EXPECT_TRUE(fs::exists(folder_ / "runs/beam/predictions.csv"));
+}
+
+TEST_F(Command, AFitWhoseStartCannotBeSimulatedExitsWithThreeAndSaysWhy) {
+  folder_.write("beam/experiment.toml", beam_toml + "[solver]\nmax_iterations = 10\nmax_halvings = 2\n");
+  folder_.write("beam/bench.csv", "trial,pull_N,tip_mm\na,1e6,1\n");
+  const Outcome fit = taut({"fit", experiment_, "--out", folder_ / "run", "--quiet"});
+  EXPECT_EQ(fit.code, 3) << fit.err;
+  expect_holds(fit.err, {"no equilibrium at pull = 1e+06 N", "start of the fit", "taut replay"});
+  EXPECT_FALSE(fs::exists(folder_ / "run/fit.json"));
+}
+
+TEST_F(Command, AnInterruptedFitEndsSoonWithCode130AndLeavesAReadableRunOrNone) {
+  // Fine enough to last for minutes.
+  folder_.write("beam/experiment.toml", replaced(beam_toml, "cells = [10, 4]", "cells = [400, 80]"));
+  const pid_t child = start({"fit", experiment_, "--out", folder_ / "run"}, here_);
+  std::this_thread::sleep_for(std::chrono::seconds(3));
+  kill(child, SIGINT);
+  const auto asked = std::chrono::steady_clock::now();
+  const Outcome fit = finish(child, here_);
+  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - asked).count();
+  EXPECT_EQ(fit.code, 130) << fit.err;
+  EXPECT_LT(seconds, 30) << "the machine may be busy";
+  std::printf("ended %.1f s after the interrupt\n", seconds);
+  if (fs::exists(folder_ / "run/fit.json")) {
+    const json result = json::parse(text_of(folder_ / "run/fit.json"));
+    EXPECT_EQ(result.at("parameters")[0].at("id"), "E_foam");
+    EXPECT_EQ(taut({"report", folder_ / "run"}).code, 0);
+  }
+}
+
+// ---- the measured block, coarsely
+
+class SlowSiliconeBlock : public Command {};
+
+TEST_F(SlowSiliconeBlock, ItsModulusIsBetween255And280KiloPascal) {
+  std::string toml = text_of(TAUT_SOURCE_DIR "/experiments/silicone_block/experiment.toml");
+  const size_t variants = toml.find("[[fit.variant]]"), references = toml.find("[[fit.reference]]");
+  ASSERT_TRUE(variants != std::string::npos && references != std::string::npos && variants < references);
+  toml.erase(toml.rfind("\n\n", variants) + 1, references - toml.rfind("\n\n", variants) - 1);
+  const size_t cells = toml.find("cells = [14, 5, 5]");
+  ASSERT_NE(cells, std::string::npos);
+  toml.replace(cells, 18, "cells = [8, 3, 3]");
+  const std::string csv = "../../data/silicone_block/static_tip_displacement.csv";
+  folder_.write("block.toml", replaced(toml, csv, TAUT_SOURCE_DIR "/data/silicone_block/static_tip_displacement.csv"));
+  const Outcome fit = taut({"fit", folder_ / "block.toml", "--out", folder_ / "run", "--json"});
+  ASSERT_EQ(fit.code, 0) << fit.err;
+  const json result = json::parse(fit.out);
+  EXPECT_EQ(result.at("parameters")[0].at("id"), "E_silicone");
+  EXPECT_GT(result.at("parameters")[0].at("value"), 255e3);
+  EXPECT_LT(result.at("parameters")[0].at("value"), 280e3);
+  EXPECT_TRUE(result.at("variants").empty());
+  EXPECT_EQ(result.at("readings").size(), 18u);
+}
+
+}  // namespace
+}  // namespace taut
