@@ -172,8 +172,8 @@ std::vector<FreeParameter> free_parameters(const Experiment& experiment, const P
   return free;
 }
 
-double load_in_newtons(const Experiment& experiment, Quantity quantity, double si_value) {
-  return quantity == Quantity::mass ? si_value * experiment.gravity : si_value;
+double load_in_newtons(const Experiment& experiment, Quantity quantity, double value_si) {
+  return quantity == Quantity::mass ? value_si * experiment.gravity : value_si;
 }
 
 }  // namespace taut

@@ -35,6 +35,6 @@ StaticBench make_static_bench(const Experiment& experiment, const MeshSettings& 
 std::vector<FreeParameter> free_parameters(const Experiment& experiment, const Protocol& protocol);
 
 /// A load as a force [N] for figures: itself, a mass times gravity; other quantities as they are.
-double load_in_newtons(const Experiment& experiment, Quantity quantity, double si_value);
+double load_in_newtons(const Experiment& experiment, Quantity quantity, double value_si);
 
 }  // namespace taut

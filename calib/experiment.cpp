@@ -208,6 +208,11 @@ void read_bench(TableReader table, Experiment& experiment) {
                                    channel.column.empty() ? "its bench column is missing; add column = \"NAME_mm\", or name the [bench] columns 'channel' and 'value'"
                                                           : "[bench] names a 'channel' column, so channels must not name columns of their own"));
     }
+    const InstrumentNoise& noise = channel.noise;
+    if (bench.sigma_column.empty() && noise.absolute == 0 && noise.relative == 0 && noise.resolution == 0) {
+      throw InputError(fmt::format("{}: channel '{}' has no noise; add for example noise = {{ absolute = \"0.1 mm\" }} to its [[channel]], or name a 'sigma' column in [bench]",
+                                   experiment.path, channel.id));
+    }
   }
 }
 

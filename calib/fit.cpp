@@ -167,6 +167,12 @@ constexpr double damped = 1, undamped = 1e4;  ///< trust-region radii: half a Ga
 /// Levenberg-Marquardt from `q` with bounds; parameter `held` keeps its value.
 Minimum minimise(Evaluator& evaluator, const std::vector<FreeParameter>& free, size_t measurements, std::vector<double> q, int held,
                  double radius, const FitOptions& options) {
+  Minimum minimum;
+  minimum.q = q;
+  if (!evaluator.evaluate(q.data())) {  // Ceres would say so on stderr
+    minimum.summary.message = "the simulation failed at the start";
+    return minimum;
+  }
   ceres::Problem::Options problem_options;
   problem_options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
   ResidualBlock block(evaluator, measurements);
@@ -194,7 +200,6 @@ Minimum minimise(Evaluator& evaluator, const std::vector<FreeParameter>& free, s
   solver.max_num_consecutive_invalid_steps = 20;  // failed simulations shorten the step, they do not end the fit
   solver.logging_type = ceres::SILENT;
   solver.callbacks.push_back(&stop);
-  Minimum minimum;
   ceres::Solve(solver, &problem, &minimum.summary);
   minimum.q = q;
   minimum.chi_squared = 2 * minimum.summary.final_cost;
@@ -448,7 +453,7 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
   for (int round = 0; round < 3; ++round) {
     const bool near = round > 0 || step_in_compliance(evaluator, free, best.q);
     best = minimise(evaluator, free, measurements.size(), best.q, -1, near ? undamped : damped, options);
-    result.iterations += static_cast<int>(best.summary.iterations.size()) - 1;
+    result.iterations += std::max(0, static_cast<int>(best.summary.iterations.size()) - 1);
     result.message = best.summary.message;
     result.status = evaluator.stopped()                                                     ? FitStatus::interrupted
                     : best.summary.termination_type == ceres::CONVERGENCE                   ? FitStatus::converged

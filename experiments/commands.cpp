@@ -296,6 +296,9 @@ int fit_command(const CommandOptions& options) {
 
 int predict_command(const CommandOptions& options) {
   const RunRecord record = read_run(options.target);
+  if (record.fit.covariance.size() == 0) {
+    throw InputError(fmt::format("{}: its fit has no result to predict from ({}: {}); run the fit again", options.target, name_of(record.fit.status), record.fit.message));
+  }
   Experiment experiment = experiment_of_run(record, options.target);
   experiment.equilibrium.stop = options.stop;
   experiment.threads = options.threads;

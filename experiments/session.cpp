@@ -248,11 +248,20 @@ std::vector<CurveRecord> make_curves(const Session& session, const Params& p, co
   for (const FreeParameter& parameter : free) indices.push_back(parameter.index);
   const Prediction prediction = bench.protocol->predict(p, indices);
   const Eigen::VectorXd se = standard_errors(prediction, bench.protocol->parameters(), p, free, covariance);
+  // Increments from the start of the curve are known better than the values: errors of the parameters move both.
+  Prediction increments = prediction;
+  for (size_t reading = 0; reading < grid.readings.size(); ++reading) {
+    const int row = bench.row_of_reading[reading], start = bench.row_of_reading[reading - reading % points];
+    if (increments.derivatives.size() > 0) increments.derivatives.row(row) = prediction.derivatives.row(row) - prediction.derivatives.row(start);
+  }
+  const Eigen::VectorXd increment_se = standard_errors(increments, bench.protocol->parameters(), p, free, covariance);
   size_t reading = 0;
   for (CurveRecord& curve : curves) {
     for (int i = 0; i < points; ++i, ++reading) {
-      curve.value.push_back(prediction.values[bench.row_of_reading[reading]]);
-      curve.se.push_back(se[bench.row_of_reading[reading]]);
+      const int row = bench.row_of_reading[reading];
+      curve.value.push_back(prediction.values[row]);
+      curve.se.push_back(se[row]);
+      if (lowest == 0) curve.increment_se.push_back(increment_se[row]);
     }
   }
   return curves;

@@ -20,8 +20,8 @@ class WrongExperiment : public testing::Test {
     free_parameters(experiment, *bench.protocol);
   }
 
-  /// Opening the beam with `from` replaced by `to` fails; the message names the file and holds all `parts`. A part "@x"
-  /// is the file and the line of the first x in it.
+  /// Opening the beam with `from` replaced by `to` fails; the message names the file (or bench.csv) and holds all
+  /// `parts`. A part "@x" is the file and the line of the first x in it.
   void refuses(const std::string& from, const std::string& to, std::vector<std::string> parts) const {
     const std::string text = replaced(beam_toml, from, to), path = folder_.write("beam.toml", text);
     folder_.write("bench.csv", csv_);
@@ -32,7 +32,7 @@ class WrongExperiment : public testing::Test {
       part = "beam.toml:" + std::to_string(1 + std::count(text.begin(), text.begin() + static_cast<long>(at), '\n'));
     }
     SCOPED_TRACE(to);
-    parts.emplace_back("beam.toml");
+    if (std::find(parts.begin(), parts.end(), "bench.csv") == parts.end()) parts.emplace_back("beam.toml");
     expect_input_error([&] { open(path); }, parts);
   }
 
@@ -186,6 +186,7 @@ TEST_F(WrongExperiment, LoadsThatAreNotDefined) {
   refuses(load, "on = \"xmax\"\ndirection = [0, \"down\"]\ncolumn = \"pull_N\"", {"@direction", "number"});
   refuses(load, "point = [\"60 mm\", \"6 mm\"]\ndirection = [0, -1]\nvalue = \"2 kPa\"", {"@point", "face"});
   refuses(load, "point = [\"60 mm\", \"6 mm\"]\ndirection = [0, -1]\nvalue = \"2 N/m\"", {"@point", "line load"});
+  csv_ = "trial,tip_mm\na,1\n";
   refuses(load, "on = \"xmax & ymax\"\ndirection = [0, -1]\nvalue = \"2 kPa\"", {"[[load]] 'pull'", "acts on an edge"});
   refuses(load, "on = \"xmax\"\ndirection = [0, -1]\nvalue = \"2 N/m\"", {"[[load]] 'pull'", "acts on a point"});
 }
@@ -196,7 +197,7 @@ TEST_F(WrongExperiment, SupportsThatDoNotHold) {
   refuses("fix = [\"x\", \"y\"]", "fix = [\"x\"]", {"the model", "1 of 3 rigid motions free"});
   refuses("fix = [\"x\", \"y\"]\n", "", {"[support]", "needs 'fix'", "'move'"});
   refuses("fix = [\"x\", \"y\"]", "fix = [\"x\", \"y\"]\nmove = \"x\"\nid = \"travel\"\ncolumn = \"travel_mm\"",
-          {"travel_mm"});
+          {"bench.csv", "travel_mm"});
   refuses("fix = [\"x\", \"y\"]", "fix = [\"x\", \"y\"]\nmove = \"x\"\nid = \"travel\"",
           {"[support]", "'column' is missing"});
   csv_ = "trial,pull_N,tip_mm,travel_mm\na,0.05,1,0\n";
@@ -227,9 +228,9 @@ TEST_F(WrongExperiment, IdsThatStandTwice) {
 TEST_F(WrongExperiment, BenchesThatDoNotMatch) {
   const std::string path = folder_.write("beam.toml", beam_toml);
   folder_.write("bench.csv", "trial,tip_mm\na,1\n");
-  expect_input_error([&] { open(path); }, {"bench.csv:1", "'pull_N'", "tip_mm"});
+  expect_input_error([&] { open(path); }, {"bench.csv, line 1", "'pull_N'", "tip_mm"});
   folder_.write("bench.csv", "trial,pull_N,tip_mm,extra\na,1,1,1\n");
-  expect_input_error([&] { open(path); }, {"bench.csv:1", "'extra'"});
+  expect_input_error([&] { open(path); }, {"bench.csv, line 1", "'extra'"});
 }
 
 TEST_F(WrongExperiment, FreeParametersWithWrongBounds) {

@@ -311,8 +311,9 @@ TEST_F(ExperimentFile, AMeshFileIsReadBesideTheExperimentInItsUnit) {
     SCOPED_TRACE(to);
     expect_input_error([&] { bench_of(replaced(bar(geometry, "", rest), from, to), bar_csv); }, parts);
   };
-  refuse("dimension = 2\nthickness = \"20 mm\"\nplane = \"stress\"", "dimension = 3",
-         {"[geometry]", "bar.msh is a 2D mesh", "dimension = 2"});
+  std::string solid = bar(geometry, "", rest, true);
+  solid = replaced(solid, "dimension = 2\nthickness = \"20 mm\"\nplane = \"stress\"\n", "dimension = 3\n");
+  expect_input_error([&] { bench_of(solid, bar_csv); }, {"[geometry]", "bar.msh is a 2D mesh", "dimension = 2"});
   refuse("unit = \"mm\"", "unit = \"mN\"", {"[geometry] unit", "'mN' is not a unit of length"});
   refuse("unit = \"mm\"\n", "", {"[geometry]", "'unit' is missing"});
   refuse("bar.msh", "bra.msh", {"[geometry]", "bra.msh"});

@@ -339,6 +339,10 @@ TEST_F(Command, AnInterruptedFitEndsSoonWithCode130AndLeavesAReadableRunOrNone) 
     const json result = json::parse(text_of(folder_ / "run/fit.json"));
     EXPECT_EQ(result.at("parameters")[0].at("id"), "E_foam");
     EXPECT_EQ(taut({"report", folder_ / "run"}).code, 0);
+    // Without a covariance there is no band, and none is made up.
+    const Outcome predict = taut({"predict", folder_ / "run", "--rows", folder_.write("loads.csv", "pull_N\n0.1\n")});
+    EXPECT_EQ(predict.code, 2) << predict.out;
+    expect_holds(predict.err, {"interrupted", "run the fit again"});
   }
 }
 
