@@ -17,6 +17,8 @@ enum class Plane { strain, stress };
 /// locking_free: mean dilatation, U = lambda/2 V_e (mean_e ln J)^2 in each element e. This is the mixed method with
 ///               quadratic displacements and one pressure per element, with the pressure eliminated: still the minimum of
 ///               an energy, with the standard element's sparsity. For quadratic elements; a linear one has a single J anyway.
+///               Valid for tensions lambda ln J below about two shear moduli; beyond, single elements buckle inside, which the
+///               standard ones do not. (The mean of J instead of ln J moves that limit to compression, where foam works.)
 enum class Formulation { standard, locking_free };
 
 /// What a region is made of: a law of sim/materials/all.hpp and where its parameters stand in the model's table.

@@ -214,9 +214,9 @@ constexpr int kDraws = 200;
 TEST(Coverage, IntervalsOfTheStiffeningSpringHoldTheTruthIn90To98PercentOf200Draws) {
   ClosedFormProtocol protocol = stiffening_spring();
   const Eigen::VectorXd y = values_of(protocol);
-  std::mt19937 random(7);
   // Well determined: parabola. Weakly determined: profile likelihood.
   for (const double sigma : {1e-4, 1.2e-3}) {
+    std::mt19937 random(1);
     std::normal_distribution<double> noise(0, sigma);
     int covered[2] = {0, 0}, profiled = 0;
     for (int draw = 0; draw < kDraws; ++draw) {

@@ -30,6 +30,7 @@ pid_t start(const std::vector<std::string>& arguments, const std::string& folder
   std::vector<char*> argv;
   for (std::string& word : words) argv.push_back(word.data());
   argv.push_back(nullptr);
+  std::fflush(nullptr);  // or the child would write what is buffered again
   const pid_t child = fork();
   if (child == 0) {
     const bool ready = chdir(folder.c_str()) == 0 && std::freopen("stdout.txt", "w", stdout) != nullptr &&
