@@ -24,17 +24,23 @@ std::vector<double> shifted(std::vector<double> coordinates, double origin) {
 
 ParameterSpec control_spec(const std::string& id, Quantity quantity) {
   switch (quantity) {
-    case Quantity::mass: return {id, "m", "kg", -1e6, 1e6, "hung mass"};
-    case Quantity::pressure: return {id, "p", "Pa", -1e12, 1e12, "traction"};
-    case Quantity::line_load: return {id, "q", "N/m", -1e9, 1e9, "line load"};
-    case Quantity::length: return {id, "u", "m", -1e3, 1e3, "prescribed displacement"};
-    default: return {id, "F", "N", -1e9, 1e9, "force"};
+    case Quantity::mass:
+      return {id, "m", "kg", -1e6, 1e6, "hung mass"};
+    case Quantity::pressure:
+      return {id, "p", "Pa", -1e12, 1e12, "traction"};
+    case Quantity::line_load:
+      return {id, "q", "N/m", -1e9, 1e9, "line load"};
+    case Quantity::length:
+      return {id, "u", "m", -1e3, 1e3, "prescribed displacement"};
+    default:
+      return {id, "F", "N", -1e9, 1e9, "force"};
   }
 }
 
 /// Loads and prescribed displacements are parameters beside the model's own, whose names they must not take.
 int declare_control(SceneBuilder& builder, const std::string& id, Quantity quantity, double value) {
-  if (builder.parameters().contains(id)) throw InputError(fmt::format("'{}' is a parameter of the model already; choose another id", id));
+  if (builder.parameters().contains(id))
+    throw InputError(fmt::format("'{}' is a parameter of the model already; choose another id", id));
   return builder.declare(control_spec(id, quantity), value);
 }
 
@@ -77,14 +83,17 @@ Mesh make_mesh(const Experiment& experiment, const MeshSettings& settings) {
     if (g.kind == "boxes") return mesh_boxes(g.boxes, settings.size, settings.order);
     if (g.kind == "polygons") return mesh_polygons(g.polygons, settings.size, settings.order);
     Mesh mesh = read_msh(g.file, g.unit);
-    if (mesh.dimension() != g.dimension) throw InputError(fmt::format("{} is a {}D mesh; set dimension = {}", g.file, mesh.dimension(), mesh.dimension()));
+    if (mesh.dimension() != g.dimension)
+      throw InputError(fmt::format("{} is a {}D mesh; set dimension = {}", g.file, mesh.dimension(), mesh.dimension()));
     if (settings.order == 2 && order_of(mesh.shape) == 1) return to_quadratic(mesh);
-    if (settings.order == 1 && order_of(mesh.shape) == 2) throw InputError(fmt::format("{} has quadratic elements; set element = \"quadratic\"", g.file));
+    if (settings.order == 1 && order_of(mesh.shape) == 2)
+      throw InputError(fmt::format("{} has quadratic elements; set element = \"quadratic\"", g.file));
     return mesh;
   });
 }
 
-BenchModel make_model(const Experiment& experiment, const MeshSettings& settings, const std::vector<Quantity>& quantities) {
+BenchModel make_model(const Experiment& experiment, const MeshSettings& settings,
+                      const std::vector<Quantity>& quantities) {
   BenchModel result;
   SceneBuilder builder(make_mesh(experiment, settings), experiment.geometry.plane, experiment.geometry.thickness);
   const int gravity = builder.declare({"g", "g", "m/s2", 0, 1000, "acceleration of gravity"}, experiment.gravity);
@@ -92,13 +101,15 @@ BenchModel make_model(const Experiment& experiment, const MeshSettings& settings
   for (const MaterialSettings& material : experiment.materials) {
     at(experiment, fmt::format("[materials.{}]", material.region), [&] {
       builder.add_solid(material.region, material.law, material.constants, settings.formulation);
-      if (material.density && !experiment.gravity_direction.empty()) builder.add_weight(material.region, *material.density, vector_of(experiment.gravity_direction), gravity);
+      if (material.density && !experiment.gravity_direction.empty())
+        builder.add_weight(material.region, *material.density, vector_of(experiment.gravity_direction), gravity);
     });
   }
   std::map<std::string, int> control_index;
   for (size_t k = 0; k < experiment.bench.controls.size(); ++k) {
     const BenchFormat::Control& control = experiment.bench.controls[k];
-    at(experiment, fmt::format("id '{}'", control.id), [&] { result.controls.push_back(declare_control(builder, control.id, quantities[k], 0.0)); });
+    at(experiment, fmt::format("id '{}'", control.id),
+       [&] { result.controls.push_back(declare_control(builder, control.id, quantities[k], 0.0)); });
     control_index[control.id] = result.controls.back();
   }
   for (const SupportSettings& support : experiment.supports) {
@@ -120,7 +131,8 @@ BenchModel make_model(const Experiment& experiment, const MeshSettings& settings
     });
   }
   for (const ChannelSettings& channel : experiment.channels) {
-    result.channels.push_back({channel.id, at(experiment, fmt::format("[[channel]] '{}'", channel.id), [&] { return make_channel(builder.mesh(), channel); })});
+    result.channels.push_back({channel.id, at(experiment, fmt::format("[[channel]] '{}'", channel.id),
+                                              [&] { return make_channel(builder.mesh(), channel); })});
   }
   result.scene = at(experiment, "the model", [&] { return builder.build(); });
   return result;
@@ -130,7 +142,9 @@ StaticBench make_static_bench(const Experiment& experiment, const MeshSettings& 
   StaticBench bench;
   std::vector<StaticRow> rows;
   for (const Reading& reading : trials.readings) {
-    const auto same = std::find_if(rows.begin(), rows.end(), [&](const StaticRow& row) { return row.channel == reading.channel && row.controls == reading.controls; });
+    const auto same = std::find_if(rows.begin(), rows.end(), [&](const StaticRow& row) {
+      return row.channel == reading.channel && row.controls == reading.controls;
+    });
     const int row = static_cast<int>(same - rows.begin());
     if (same == rows.end()) rows.push_back({reading.controls, reading.channel});
     bench.row_of_reading.push_back(row);
@@ -141,7 +155,8 @@ StaticBench make_static_bench(const Experiment& experiment, const MeshSettings& 
   options.equilibrium = experiment.equilibrium;
   options.threads = experiment.threads;
   options.from_unloaded = experiment.from_unloaded;
-  bench.protocol = std::make_unique<StaticProtocol>(std::move(model.scene), std::move(model.channels), model.controls, model.switched_off_at_rest, rows, options);
+  bench.protocol = std::make_unique<StaticProtocol>(std::move(model.scene), std::move(model.channels), model.controls,
+                                                    model.switched_off_at_rest, rows, options);
   return bench;
 }
 
@@ -152,7 +167,10 @@ std::vector<FreeParameter> free_parameters(const Experiment& experiment, const P
       FreeParameter parameter;
       parameter.index = protocol.parameters().index(settings.id);
       for (const BenchFormat::Control& control : experiment.bench.controls) {
-        if (control.id == settings.id) throw InputError(fmt::format("'{}' is set by the bench, row by row, and cannot be fitted; free a parameter of the model", settings.id));
+        if (control.id == settings.id)
+          throw InputError(
+              fmt::format("'{}' is set by the bench, row by row, and cannot be fitted; free a parameter of the model",
+                          settings.id));
       }
       const ParameterSpec& spec = protocol.parameters()[parameter.index];
       auto given = [&](const std::optional<GivenValue>& value, double otherwise) {
@@ -161,10 +179,13 @@ std::vector<FreeParameter> free_parameters(const Experiment& experiment, const P
       parameter.start = given(settings.start, protocol.nominal()[parameter.index]);
       parameter.lower = given(settings.lower, spec.lower);
       parameter.upper = given(settings.upper, spec.upper);
-      for (double value : {parameter.lower, parameter.start, parameter.upper}) protocol.parameters().check(parameter.index, value);
-      if (!(parameter.lower <= parameter.start && parameter.start <= parameter.upper && parameter.lower < parameter.upper)) {
-        throw InputError(fmt::format("the start {} must lie between the bounds {} and {}", with_unit(parameter.start, spec.unit),
-                                     with_unit(parameter.lower, spec.unit), with_unit(parameter.upper, spec.unit)));
+      for (double value : {parameter.lower, parameter.start, parameter.upper})
+        protocol.parameters().check(parameter.index, value);
+      if (!(parameter.lower <= parameter.start && parameter.start <= parameter.upper &&
+            parameter.lower < parameter.upper)) {
+        throw InputError(fmt::format("the start {} must lie between the bounds {} and {}",
+                                     with_unit(parameter.start, spec.unit), with_unit(parameter.lower, spec.unit),
+                                     with_unit(parameter.upper, spec.unit)));
       }
       free.push_back(parameter);
     });

@@ -16,11 +16,12 @@ Mesh make_mesh(const Experiment& experiment, const MeshSettings& settings);
 struct BenchModel {
   Scene scene;
   std::vector<NamedChannel> channels;
-  std::vector<int> controls;             ///< table index per entry of experiment.bench.controls
-  std::vector<int> switched_off_at_rest; ///< gravity and constant loads
+  std::vector<int> controls;              ///< table index per entry of experiment.bench.controls
+  std::vector<int> switched_off_at_rest;  ///< gravity and constant loads
 };
 /// `quantities` says what each control's column holds (force, mass, ...): it decides what kind of load it is.
-BenchModel make_model(const Experiment& experiment, const MeshSettings& settings, const std::vector<Quantity>& quantities);
+BenchModel make_model(const Experiment& experiment, const MeshSettings& settings,
+                      const std::vector<Quantity>& quantities);
 
 /// Readings as rows of a static protocol: one row per distinct (controls, channel), readings of one row are repeats.
 struct StaticBench {
@@ -30,8 +31,8 @@ struct StaticBench {
 };
 StaticBench make_static_bench(const Experiment& experiment, const MeshSettings& settings, const Trials& trials);
 
-/// The experiment's free parameters with starts and bounds filled in from the model. Throws InputError for unknown ids, a start
-/// outside its bounds, and bounds outside the physical range.
+/// The experiment's free parameters with starts and bounds filled in from the model. Throws InputError for unknown ids,
+/// a start outside its bounds, and bounds outside the physical range.
 std::vector<FreeParameter> free_parameters(const Experiment& experiment, const Protocol& protocol);
 
 /// A load as a force [N] for figures: itself, a mass times gravity; other quantities as they are.

@@ -24,14 +24,16 @@ constexpr std::string_view components = "xyz";
 int component_of(const TableReader& table, std::string_view key, const std::string& name, int dimension) {
   const size_t position = components.find(name);
   if (name.size() != 1 || position == std::string::npos || static_cast<int>(position) >= dimension) {
-    table.fail(key, fmt::format("'{}' is not a component of a {}D model; allowed: {}", name, dimension, dimension == 2 ? "x, y" : "x, y, z"));
+    table.fail(key, fmt::format("'{}' is not a component of a {}D model; allowed: {}", name, dimension,
+                                dimension == 2 ? "x, y" : "x, y, z"));
   }
   return static_cast<int>(position);
 }
 
 std::vector<double> direction_of(TableReader& table, int dimension) {
   const std::vector<double> direction = table.numbers("direction", static_cast<size_t>(dimension));
-  if (std::all_of(direction.begin(), direction.end(), [](double d) { return d == 0; })) table.fail("direction", "a direction must not be all zeros");
+  if (std::all_of(direction.begin(), direction.end(), [](double d) { return d == 0; }))
+    table.fail("direction", "a direction must not be all zeros");
   return direction;
 }
 
@@ -42,7 +44,8 @@ void read_mesh(TableReader& table, const GeometrySettings& geometry, MeshSetting
     if (table.has("cells")) {
       settings.cells.clear();
       for (double value : table.numbers("cells", static_cast<size_t>(geometry.dimension))) {
-        if (value < 1 || value > 1000 || value != std::floor(value)) table.fail("cells", "whole numbers from 1 to 1000 belong here");
+        if (value < 1 || value > 1000 || value != std::floor(value))
+          table.fail("cells", "whole numbers from 1 to 1000 belong here");
         settings.cells.push_back(static_cast<int>(value));
       }
     }
@@ -53,10 +56,13 @@ void read_mesh(TableReader& table, const GeometrySettings& geometry, MeshSetting
   }
   if (table.has("element")) settings.order = table.choice("element", {"quadratic", "linear"}) == "linear" ? 1 : 2;
   if (table.has("formulation")) {
-    settings.formulation = table.choice("formulation", {"standard", "locking_free"}) == "standard" ? Formulation::standard : Formulation::locking_free;
+    settings.formulation = table.choice("formulation", {"standard", "locking_free"}) == "standard"
+                               ? Formulation::standard
+                               : Formulation::locking_free;
   }
   if (settings.formulation == Formulation::locking_free && settings.order == 1) {
-    table.fail(table.has("formulation") ? "formulation" : "element", "locking_free needs quadratic elements; set element = \"quadratic\" or formulation = \"standard\"");
+    table.fail(table.has("formulation") ? "formulation" : "element",
+               "locking_free needs quadratic elements; set element = \"quadratic\" or formulation = \"standard\"");
   }
 }
 
@@ -67,14 +73,17 @@ GeometrySettings read_geometry(TableReader table, const std::string& path) {
   const size_t d = static_cast<size_t>(geometry.dimension);
   if (geometry.kind == "box" || geometry.kind == "rectangle") {
     geometry.size = table.quantities("size", Quantity::length, d);
-    if (std::any_of(geometry.size.begin(), geometry.size.end(), [](double s) { return !(s > 0); })) table.fail("size", "all lengths must be positive");
-    geometry.origin = table.has("origin") ? table.quantities("origin", Quantity::length, d) : std::vector<double>(d, 0.0);
+    if (std::any_of(geometry.size.begin(), geometry.size.end(), [](double s) { return !(s > 0); }))
+      table.fail("size", "all lengths must be positive");
+    geometry.origin =
+        table.has("origin") ? table.quantities("origin", Quantity::length, d) : std::vector<double>(d, 0.0);
     geometry.region = table.text("region");
   } else if (geometry.kind == "boxes") {
     for (TableReader& box : table.tables("box")) {
       BoxRegion region;
       region.region = box.text("region");
-      const std::vector<double> lower = box.quantities("lower", Quantity::length, 3), upper = box.quantities("upper", Quantity::length, 3);
+      const std::vector<double> lower = box.quantities("lower", Quantity::length, 3),
+                                upper = box.quantities("upper", Quantity::length, 3);
       std::copy(lower.begin(), lower.end(), region.lower.begin());
       std::copy(upper.begin(), upper.end(), region.upper.begin());
       box.finish();
@@ -90,7 +99,11 @@ GeometrySettings read_geometry(TableReader table, const std::string& path) {
       for (size_t i = 0; i < x.size(); ++i) region.vertices.push_back({x[i], y[i]});
       if (polygon.has("edges")) region.edge_tags = polygon.texts("edges");
       if (!region.edge_tags.empty() && region.edge_tags.size() != x.size()) {
-        polygon.fail("edges", fmt::format("{} names for {} edges; give one per edge, edge i running from vertex i to the next, \"\" for none", region.edge_tags.size(), x.size()));
+        polygon.fail(
+            "edges",
+            fmt::format(
+                "{} names for {} edges; give one per edge, edge i running from vertex i to the next, \"\" for none",
+                region.edge_tags.size(), x.size()));
       }
       polygon.finish();
       geometry.polygons.push_back(region);
@@ -120,7 +133,8 @@ std::vector<MaterialSettings> read_materials(TableReader& root) {
     for (const ParameterSpec& spec : material_parameters(material.law)) {
       const double value = table.quantity(spec.id, spec.unit == "Pa" ? Quantity::pressure : Quantity::pure);
       if (!(value >= spec.lower && value <= spec.upper)) {
-        table.fail(spec.id, fmt::format("{:.6g} is outside the physical range of {}, {:.6g} to {:.7g} {}", value, spec.meaning, spec.lower, spec.upper, spec.unit));
+        table.fail(spec.id, fmt::format("{:.6g} is outside the physical range of {}, {:.6g} to {:.7g} {}", value,
+                                        spec.meaning, spec.lower, spec.upper, spec.unit));
       }
       material.constants[spec.id] = value;
     }
@@ -129,7 +143,8 @@ std::vector<MaterialSettings> read_materials(TableReader& root) {
     table.finish();
     materials.push_back(material);
   }
-  if (materials.empty()) root.fail("", "there is no material; add [materials.NAME] for each region NAME of the geometry");
+  if (materials.empty())
+    root.fail("", "there is no material; add [materials.NAME] for each region NAME of the geometry");
   return materials;
 }
 
@@ -140,11 +155,13 @@ LoadSettings read_load(TableReader& table, const GeometrySettings& geometry) {
   const size_t d = static_cast<size_t>(geometry.dimension);
   LoadSettings load;
   load.id = table.text("id");
-  if (table.has("point") == table.has("on")) table.fail("", "give either 'on' (a tag, or \"a & b\") or 'point' as the place of the load");
+  if (table.has("point") == table.has("on"))
+    table.fail("", "give either 'on' (a tag, or \"a & b\") or 'point' as the place of the load");
   if (table.has("point")) load.point = table.quantities("point", Quantity::length, d);
   if (table.has("on")) load.on = table.text("on");
   load.direction = direction_of(table, geometry.dimension);
-  if (table.has("column") == table.has("value")) table.fail("", "give either 'column' (of the bench file) or 'value' (a constant load)");
+  if (table.has("column") == table.has("value"))
+    table.fail("", "give either 'column' (of the bench file) or 'value' (a constant load)");
   if (table.has("column")) {
     load.column = table.text("column");
     load.quantity = parse_header(load.column, load_quantities, table.where("column")).quantity;
@@ -156,12 +173,17 @@ LoadSettings read_load(TableReader& table, const GeometrySettings& geometry) {
       const std::vector<std::string> units = units_of(quantity);
       return std::find(units.begin(), units.end(), unit) != units.end();
     });
-    if (found == load_quantities.end()) table.fail("value", fmt::format("'{}' is not a load; give a force (\"2 N\"), a mass (\"100 g\"), a traction (\"3 kPa\") or a line load (\"5 N/m\")", value));
+    if (found == load_quantities.end())
+      table.fail("value", fmt::format("'{}' is not a load; give a force (\"2 N\"), a mass (\"100 g\"), a traction (\"3 "
+                                      "kPa\") or a line load (\"5 N/m\")",
+                                      value));
     load.quantity = *found;
     load.value = parse_quantity(value, load.quantity, table.where("value"));
   }
-  if (load.quantity == Quantity::pressure && !load.point.empty()) table.fail("point", "a traction acts on a face; use 'on'");
-  if (load.quantity == Quantity::line_load && !load.point.empty()) table.fail("point", "a line load acts on an edge, in 2D on a corner; use 'on'");
+  if (load.quantity == Quantity::pressure && !load.point.empty())
+    table.fail("point", "a traction acts on a face; use 'on'");
+  if (load.quantity == Quantity::line_load && !load.point.empty())
+    table.fail("point", "a line load acts on an edge, in 2D on a corner; use 'on'");
   table.finish();
   return load;
 }
@@ -170,7 +192,9 @@ ChannelSettings read_channel(TableReader& table, const GeometrySettings& geometr
   const size_t d = static_cast<size_t>(geometry.dimension);
   ChannelSettings channel;
   bench.id = channel.id = table.text("id");
-  if (table.has("point") == table.has("on")) table.fail("", "give either 'point' (a material point) or 'on' (the mean over a tag) as the place that is measured");
+  if (table.has("point") == table.has("on"))
+    table.fail("",
+               "give either 'point' (a material point) or 'on' (the mean over a tag) as the place that is measured");
   if (table.has("point")) channel.point = table.quantities("point", Quantity::length, d);
   if (table.has("on")) channel.on = table.text("on");
   if (table.has("standoff")) {
@@ -184,7 +208,8 @@ ChannelSettings read_channel(TableReader& table, const GeometrySettings& geometr
     bench.noise.absolute = noise->optional_quantity("absolute", Quantity::length).value_or(0);
     bench.noise.relative = noise->optional_quantity("relative", Quantity::pure).value_or(0);
     bench.noise.resolution = noise->optional_quantity("resolution", Quantity::length).value_or(0);
-    if (bench.noise.absolute < 0 || bench.noise.relative < 0 || bench.noise.resolution < 0) noise->fail("", "noise must not be negative");
+    if (bench.noise.absolute < 0 || bench.noise.relative < 0 || bench.noise.resolution < 0)
+      noise->fail("", "noise must not be negative");
     noise->finish();
   }
   table.finish();
@@ -199,19 +224,24 @@ void read_bench(TableReader table, Experiment& experiment) {
   bench.value_column = table.text("value", "");
   bench.sigma_column = table.text("sigma", "");
   bench.ignored = table.texts_or_none("ignore");
-  if (bench.channel_column.empty() != bench.value_column.empty()) table.fail("", "'channel' and 'value' belong together: the columns that hold a channel's id and its reading");
+  if (bench.channel_column.empty() != bench.value_column.empty())
+    table.fail("", "'channel' and 'value' belong together: the columns that hold a channel's id and its reading");
   experiment.from_unloaded = table.choice("measured_from", {"rest", "unloaded"}) == "unloaded";
   table.finish();
   for (const BenchFormat::Channel& channel : bench.channels) {
     if (channel.column.empty() == bench.channel_column.empty()) {
-      throw InputError(fmt::format("{}: channel '{}': {}", experiment.path, channel.id,
-                                   channel.column.empty() ? "its bench column is missing; add column = \"NAME_mm\", or name the [bench] columns 'channel' and 'value'"
-                                                          : "[bench] names a 'channel' column, so channels must not name columns of their own"));
+      throw InputError(fmt::format(
+          "{}: channel '{}': {}", experiment.path, channel.id,
+          channel.column.empty() ? "its bench column is missing; add column = \"NAME_mm\", or name the [bench] columns "
+                                   "'channel' and 'value'"
+                                 : "[bench] names a 'channel' column, so channels must not name columns of their own"));
     }
     const InstrumentNoise& noise = channel.noise;
     if (bench.sigma_column.empty() && noise.absolute == 0 && noise.relative == 0 && noise.resolution == 0) {
-      throw InputError(fmt::format("{}: channel '{}' has no noise; add for example noise = {{ absolute = \"0.1 mm\" }} to its [[channel]], or name a 'sigma' column in [bench]",
-                                   experiment.path, channel.id));
+      throw InputError(
+          fmt::format("{}: channel '{}' has no noise; add for example noise = {{ absolute = \"0.1 mm\" }} to its "
+                      "[[channel]], or name a 'sigma' column in [bench]",
+                      experiment.path, channel.id));
     }
   }
 }
@@ -249,7 +279,8 @@ void read_solver(TableReader table, Experiment& experiment) {
   options.max_iterations = table.integer("max_iterations", options.max_iterations, 1);
   options.max_halvings = table.integer("max_halvings", options.max_halvings, 0);
   if (table.has("step_tolerance")) options.step_tolerance = table.quantity("step_tolerance", Quantity::pure);
-  if (!(options.step_tolerance > 1e-14 && options.step_tolerance < 1e-2)) table.fail("step_tolerance", "a number between 1e-14 and 1e-2 belongs here");
+  if (!(options.step_tolerance > 1e-14 && options.step_tolerance < 1e-2))
+    table.fail("step_tolerance", "a number between 1e-14 and 1e-2 belongs here");
   experiment.threads = table.integer("threads", 0, 0);
   table.finish();
 }
@@ -257,7 +288,9 @@ void read_solver(TableReader table, Experiment& experiment) {
 void refuse_repeated_ids(const Experiment& experiment) {
   std::set<std::string> seen;
   auto check = [&](const std::string& id) {
-    if (!seen.insert(id).second) throw InputError(fmt::format("{}: the id '{}' is used twice; ids of loads, supports and channels must differ", experiment.path, id));
+    if (!seen.insert(id).second)
+      throw InputError(fmt::format("{}: the id '{}' is used twice; ids of loads, supports and channels must differ",
+                                   experiment.path, id));
   };
   for (const LoadSettings& load : experiment.loads) check(load.id);
   for (const SupportSettings& support : experiment.supports) {
@@ -269,7 +302,8 @@ void refuse_repeated_ids(const Experiment& experiment) {
 }  // namespace
 
 std::string MeshSettings::describe() const {
-  std::string text = fmt::format("{}{}", order == 1 ? "linear" : "quadratic", formulation == Formulation::locking_free ? ", locking-free" : "");
+  std::string text = fmt::format("{}{}", order == 1 ? "linear" : "quadratic",
+                                 formulation == Formulation::locking_free ? ", locking-free" : "");
   if (!cells.empty()) {
     text += ", ";
     for (size_t i = 0; i < cells.size(); ++i) text += fmt::format("{}{}", i == 0 ? "" : " x ", cells[i]);
@@ -286,7 +320,9 @@ Experiment read_experiment(const std::string& path) {
     file = toml::parse_file(path);
   } catch (const toml::parse_error& error) {
     const auto line = error.source().begin.line;
-    if (line == 0 || !fs::exists(path)) throw InputError(fmt::format("{}: cannot be read as an experiment file: {}; check the path", path, error.description()));
+    if (line == 0 || !fs::exists(path))
+      throw InputError(
+          fmt::format("{}: cannot be read as an experiment file: {}; check the path", path, error.description()));
     throw InputError(fmt::format("{}:{}: not valid TOML: {}", path, line, error.description()));
   }
   TableReader root(file, path, "");
@@ -294,7 +330,9 @@ Experiment read_experiment(const std::string& path) {
   experiment.path = path;
   experiment.title = root.text("title");
   const std::string data = root.text("data");
-  if (data != "measured" && data != "simulated") root.fail("data", fmt::format("'{}' is not known{}; allowed: measured, simulated", data, did_you_mean(data, {"measured", "simulated"})));
+  if (data != "measured" && data != "simulated")
+    root.fail("data", fmt::format("'{}' is not known{}; allowed: measured, simulated", data,
+                                  did_you_mean(data, {"measured", "simulated"})));
   experiment.simulated = data == "simulated";
 
   experiment.geometry = read_geometry(root.table("geometry"), path);
@@ -309,11 +347,15 @@ Experiment read_experiment(const std::string& path) {
 
   if (auto gravity = root.optional_table("gravity")) {
     experiment.gravity = gravity->optional_quantity("acceleration", Quantity::acceleration).value_or(9.81);
-    if (!(experiment.gravity > 0)) gravity->fail("acceleration", "the acceleration must be positive; its direction is given by 'direction'");
+    if (!(experiment.gravity > 0))
+      gravity->fail("acceleration", "the acceleration must be positive; its direction is given by 'direction'");
     if (gravity->boolean("self_weight", true)) {
       experiment.gravity_direction = direction_of(*gravity, d);
-      if (std::none_of(experiment.materials.begin(), experiment.materials.end(), [](const MaterialSettings& m) { return m.density.has_value(); })) {
-        gravity->fail("", "self-weight needs a density; add density = \"1070 kg/m3\" to the materials that have weight, or set self_weight = false");
+      if (std::none_of(experiment.materials.begin(), experiment.materials.end(),
+                       [](const MaterialSettings& m) { return m.density.has_value(); })) {
+        gravity->fail("",
+                      "self-weight needs a density; add density = \"1070 kg/m3\" to the materials that have weight, or "
+                      "set self_weight = false");
       }
     } else if (gravity->has("direction")) {
       direction_of(*gravity, d);
@@ -324,31 +366,36 @@ Experiment read_experiment(const std::string& path) {
   for (TableReader& table : root.tables("support")) {
     SupportSettings support;
     support.on = table.text("on");
-    for (const std::string& name : table.texts_or_none("fix")) support.fix.push_back(component_of(table, "fix", name, d));
+    for (const std::string& name : table.texts_or_none("fix"))
+      support.fix.push_back(component_of(table, "fix", name, d));
     if (table.has("move")) {
       support.component = component_of(table, "move", table.text("move"), d);
       support.control = table.text("id");
       support.column = table.text("column");
     }
-    if (support.fix.empty() && support.control.empty()) table.fail("", "a support needs 'fix' (a list of components) or 'move' with 'id' and 'column'");
+    if (support.fix.empty() && support.control.empty())
+      table.fail("", "a support needs 'fix' (a list of components) or 'move' with 'id' and 'column'");
     table.finish();
     experiment.supports.push_back(support);
   }
-  if (experiment.supports.empty()) root.fail("", "there is no support; add [[support]] with on = \"TAG\" and fix = [\"x\", \"y\"]");
+  if (experiment.supports.empty())
+    root.fail("", "there is no support; add [[support]] with on = \"TAG\" and fix = [\"x\", \"y\"]");
 
   for (TableReader& table : root.tables("load")) experiment.loads.push_back(read_load(table, experiment.geometry));
   for (const LoadSettings& load : experiment.loads) {
     if (!load.column.empty()) experiment.bench.controls.push_back({load.id, load.column, {load.quantity}});
   }
   for (const SupportSettings& support : experiment.supports) {
-    if (!support.control.empty()) experiment.bench.controls.push_back({support.control, support.column, {Quantity::length}});
+    if (!support.control.empty())
+      experiment.bench.controls.push_back({support.control, support.column, {Quantity::length}});
   }
 
   for (TableReader& table : root.tables("channel")) {
     BenchFormat::Channel& bench = experiment.bench.channels.emplace_back();
     experiment.channels.push_back(read_channel(table, experiment.geometry, bench));
   }
-  if (experiment.channels.empty()) root.fail("", "there is no channel; add [[channel]] for what is measured, with id, point or on, and direction");
+  if (experiment.channels.empty())
+    root.fail("", "there is no channel; add [[channel]] for what is measured, with id, point or on, and direction");
   refuse_repeated_ids(experiment);
 
   read_bench(root.table("bench"), experiment);

@@ -23,14 +23,14 @@ struct MeshSettings {
 };
 
 struct GeometrySettings {
-  std::string kind;  ///< box, rectangle, boxes, polygons, msh
+  std::string kind;                  ///< box, rectangle, boxes, polygons, msh
   std::vector<double> size, origin;  ///< box and rectangle [m]
   std::string region;
   std::vector<PolygonRegion> polygons;
   std::vector<BoxRegion> boxes;
-  std::string file;        ///< msh
-  double unit = 1;         ///< msh: metres per unit of the file
-  double thickness = 1;    ///< 2D [m]
+  std::string file;      ///< msh
+  double unit = 1;       ///< msh: metres per unit of the file
+  double thickness = 1;  ///< 2D [m]
   Plane plane = Plane::strain;
   int dimension = 3;
 };
@@ -43,28 +43,28 @@ struct MaterialSettings {
 
 struct SupportSettings {
   std::string on;
-  std::vector<int> fix;       ///< components
-  std::string control;        ///< a prescribed displacement: id of the control
-  int component = 0;          ///< of the prescribed displacement
-  std::string column;         ///< bench column of the control
+  std::vector<int> fix;  ///< components
+  std::string control;   ///< a prescribed displacement: id of the control
+  int component = 0;     ///< of the prescribed displacement
+  std::string column;    ///< bench column of the control
 };
 
 struct LoadSettings {
   std::string id;
-  std::string on;                   ///< tag, or
-  std::vector<double> point;        ///< rest position [m]
+  std::string on;             ///< tag, or
+  std::vector<double> point;  ///< rest position [m]
   std::vector<double> direction;
-  std::string column;               ///< bench column that holds its value, or
-  double value = 0;                 ///< a constant one, SI
+  std::string column;                   ///< bench column that holds its value, or
+  double value = 0;                     ///< a constant one, SI
   Quantity quantity = Quantity::force;  ///< force, mass, pressure (traction) or line_load
 };
 
 struct ChannelSettings {
   std::string id;
-  std::string on;               ///< mean over a tag, or
-  std::vector<double> point;    ///< a material point [m]
-  std::vector<double> standoff; ///< marker off the surface [m], empty: none
-  std::string turns_with;       ///< tag that the stand-off turns with
+  std::string on;                ///< mean over a tag, or
+  std::vector<double> point;     ///< a material point [m]
+  std::vector<double> standoff;  ///< marker off the surface [m], empty: none
+  std::string turns_with;        ///< tag that the stand-off turns with
   std::vector<double> direction;
 };
 
@@ -92,7 +92,7 @@ struct ReferenceValue {
 
 /// One experiment as its TOML file describes it, checked key by key; SI units inside.
 struct Experiment {
-  std::string path;    ///< of the TOML file
+  std::string path;  ///< of the TOML file
   std::string title;
   bool simulated = false;  ///< data = "simulated": said wherever the data are shown
   GeometrySettings geometry;
@@ -112,8 +112,8 @@ struct Experiment {
   int threads = 0;
 };
 
-/// Reads and checks an experiment file. Paths in it are relative to it. Throws InputError with file, line, what is wrong, what
-/// is allowed and the nearest known name.
+/// Reads and checks an experiment file. Paths in it are relative to it. Throws InputError with file, line, what is
+/// wrong, what is allowed and the nearest known name.
 Experiment read_experiment(const std::string& path);
 
 }  // namespace taut

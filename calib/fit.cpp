@@ -19,8 +19,8 @@ namespace taut {
 namespace {
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-constexpr double z95 = 1.959963984540054;      ///< 97.5 % quantile of the normal distribution
-constexpr double profile_rise = z95 * z95;     ///< rise of chi squared at the ends of a 95 % profile interval
+constexpr double z95 = 1.959963984540054;   ///< 97.5 % quantile of the normal distribution
+constexpr double profile_rise = z95 * z95;  ///< rise of chi squared at the ends of a 95 % profile interval
 
 /// The scale on which a parameter is fitted: its logarithm for moduli and stiffnesses, itself otherwise.
 struct Scale {
@@ -30,8 +30,9 @@ struct Scale {
   double slope(double si) const { return logarithmic ? si : 1.0; }  ///< d outside / d inside
 };
 
-/// Noise-scaled residuals (predicted - measured) / sigma and their derivatives on the fitted scale, evaluated for Ceres. The
-/// newest evaluation is kept, because Ceres asks for residuals first and for derivatives at the same point later.
+/// Noise-scaled residuals (predicted - measured) / sigma and their derivatives on the fitted scale, evaluated for
+/// Ceres. The newest evaluation is kept, because Ceres asks for residuals first and for derivatives at the same point
+/// later.
 class Evaluator {
  public:
   Evaluator(Protocol& protocol, const std::vector<Measurement>& measurements, const std::vector<FreeParameter>& free,
@@ -136,7 +137,8 @@ class ResidualBlock final : public ceres::CostFunction {
     if (jacobians == nullptr) return true;
     const Eigen::MatrixXd J = evaluator_.jacobian();
     for (size_t j = 0; j < q.size(); ++j) {
-      if (jacobians[j] != nullptr) Eigen::Map<Eigen::VectorXd>(jacobians[j], num_residuals()) = J.col(static_cast<Eigen::Index>(j));
+      if (jacobians[j] != nullptr)
+        Eigen::Map<Eigen::VectorXd>(jacobians[j], num_residuals()) = J.col(static_cast<Eigen::Index>(j));
     }
     return true;
   }
@@ -149,7 +151,8 @@ class StopCallback final : public ceres::IterationCallback {
  public:
   explicit StopCallback(const Evaluator& evaluator) : evaluator_(evaluator) {}
   ceres::CallbackReturnType operator()(const ceres::IterationSummary&) override {
-    return evaluator_.stopped() ? ceres::SOLVER_TERMINATE_SUCCESSFULLY : ceres::SOLVER_CONTINUE;  // the best values so far are kept
+    return evaluator_.stopped() ? ceres::SOLVER_TERMINATE_SUCCESSFULLY
+                                : ceres::SOLVER_CONTINUE;  // the best values so far are kept
   }
 
  private:
@@ -165,8 +168,8 @@ struct Minimum {
 constexpr double damped = 1, undamped = 1e4;  ///< trust-region radii: half a Gauss-Newton step, the whole step
 
 /// Levenberg-Marquardt from `q` with bounds; parameter `held` keeps its value.
-Minimum minimise(Evaluator& evaluator, const std::vector<FreeParameter>& free, size_t measurements, std::vector<double> q, int held,
-                 double radius, const FitOptions& options) {
+Minimum minimise(Evaluator& evaluator, const std::vector<FreeParameter>& free, size_t measurements,
+                 std::vector<double> q, int held, double radius, const FitOptions& options) {
   Minimum minimum;
   minimum.q = q;
   if (!evaluator.evaluate(q.data())) {  // Ceres would say so on stderr
@@ -206,9 +209,10 @@ Minimum minimise(Evaluator& evaluator, const std::vector<FreeParameter>& free, s
   return minimum;
 }
 
-/// One Gauss-Newton step from `q` in the reciprocals of the logarithmic parameters (1/E instead of ln E): displacements of a
-/// linear solid are linear in those, so that a start a few times off comes near at once. At most a factor of three, because
-/// far from the truth the solid is not linear. Returns whether `q` moved; it stays when that does not lower chi squared.
+/// One Gauss-Newton step from `q` in the reciprocals of the logarithmic parameters (1/E instead of ln E): displacements
+/// of a linear solid are linear in those, so that a start a few times off comes near at once. At most a factor of
+/// three, because far from the truth the solid is not linear. Returns whether `q` moved; it stays when that does not
+/// lower chi squared.
 bool step_in_compliance(Evaluator& evaluator, const std::vector<FreeParameter>& free, std::vector<double>& q) {
   if (!evaluator.evaluate(q.data()) || evaluator.stopped()) return false;
   const Eigen::VectorXd r = evaluator.residuals();
@@ -221,7 +225,8 @@ bool step_in_compliance(Evaluator& evaluator, const std::vector<FreeParameter>& 
     trial[j] += scale.logarithmic ? -std::log1p(-std::clamp(d, -2.0, 2.0 / 3.0)) : d;
     trial[j] = std::clamp(trial[j], scale.inside(free[j].lower), scale.inside(free[j].upper));
   }
-  if (trial == q || !evaluator.evaluate(trial.data()) || !(evaluator.residuals().squaredNorm() < r.squaredNorm())) return false;
+  if (trial == q || !evaluator.evaluate(trial.data()) || !(evaluator.residuals().squaredNorm() < r.squaredNorm()))
+    return false;
   q = trial;
   return true;
 }
@@ -233,11 +238,12 @@ double range_of(const FreeParameter& parameter, const Scale& scale, double value
   return std::isfinite(range) ? range : std::max(std::abs(value), 1e-12);
 }
 
-/// Where chi squared, minimised over all other parameters, has risen by `profile_rise`, going from the optimum in direction
-/// `sign`; empty when it has not at the bound, where simulations fail before it has, and, when `alone`, where it would only
-/// because another parameter is at its bound. Fitted scale.
-std::optional<double> profile_end(Evaluator& evaluator, const std::vector<FreeParameter>& free, size_t measurements, const Minimum& best,
-                                  size_t j, int sign, double guess, bool alone, const FitOptions& options) {
+/// Where chi squared, minimised over all other parameters, has risen by `profile_rise`, going from the optimum in
+/// direction `sign`; empty when it has not at the bound, where simulations fail before it has, and, when `alone`, where
+/// it would only because another parameter is at its bound. Fitted scale.
+std::optional<double> profile_end(Evaluator& evaluator, const std::vector<FreeParameter>& free, size_t measurements,
+                                  const Minimum& best, size_t j, int sign, double guess, bool alone,
+                                  const FitOptions& options) {
   const Scale& scale = evaluator.scale(j);
   const double bound = scale.inside(sign > 0 ? free[j].upper : free[j].lower);
   FitOptions coarse = options;
@@ -246,7 +252,8 @@ std::optional<double> profile_end(Evaluator& evaluator, const std::vector<FreePa
   auto rise_at = [&](double q) {
     start[j] = q;
     if (free.size() == 1) {
-      return evaluator.evaluate(start.data()) ? evaluator.residuals().squaredNorm() - best.chi_squared : std::numeric_limits<double>::infinity();
+      return evaluator.evaluate(start.data()) ? evaluator.residuals().squaredNorm() - best.chi_squared
+                                              : std::numeric_limits<double>::infinity();
     }
     const Minimum there = minimise(evaluator, free, measurements, start, static_cast<int>(j), undamped, coarse);
     if (there.summary.termination_type == ceres::FAILURE) return std::numeric_limits<double>::infinity();
@@ -288,15 +295,16 @@ std::optional<double> profile_end(Evaluator& evaluator, const std::vector<FreePa
   if (!std::isfinite(outer_rise)) return std::nullopt;
   for (size_t i = 0; alone && i < free.size(); ++i) {
     const double margin = 1e-6 * range_of(free[i], evaluator.scale(i), evaluator.scale(i).outside(beyond[i]));
-    const double room = std::min(beyond[i] - evaluator.scale(i).inside(free[i].lower), evaluator.scale(i).inside(free[i].upper) - beyond[i]);
+    const double room = std::min(beyond[i] - evaluator.scale(i).inside(free[i].lower),
+                                 evaluator.scale(i).inside(free[i].upper) - beyond[i]);
     if (i != j && room < margin) return std::nullopt;
   }
   return 0.5 * (inner + outer);
 }
 
 /// True when a simulation failed beside `q` although chi squared still falls there: r, J are those at `q`.
-bool stopped_by_failures(const Evaluator& evaluator, const std::vector<FreeParameter>& free, const std::vector<double>& q, const Eigen::VectorXd& r,
-                         const Eigen::MatrixXd& J) {
+bool stopped_by_failures(const Evaluator& evaluator, const std::vector<FreeParameter>& free,
+                         const std::vector<double>& q, const Eigen::VectorXd& r, const Eigen::MatrixXd& J) {
   if (evaluator.last_failure.size() == 0) return false;
   Eigen::MatrixXd open = J;  // without the parameters that their bounds hold
   for (size_t j = 0; j < q.size(); ++j) {
@@ -311,8 +319,8 @@ bool stopped_by_failures(const Evaluator& evaluator, const std::vector<FreeParam
   return promised > std::max(1e-3, 1e-6 * r.squaredNorm());
 }
 
-/// How far a parameter is from being known, as a number without unit: its standard error on the fitted scale, for parameters
-/// that are not logarithmic as a fraction of the range it may have.
+/// How far a parameter is from being known, as a number without unit: its standard error on the fitted scale, for
+/// parameters that are not logarithmic as a fraction of the range it may have.
 struct Spread {
   double joint, alone;
 };
@@ -325,35 +333,53 @@ Verdict verdict_of(const Spread& spread) {
   return spread.alone <= weak ? Verdict::tied : Verdict::invisible;
 }
 
-std::string explain(const ParameterEstimate& e, const Spread& spread, const std::string& partner, double correlation, bool at_bound) {
+std::string explain(const ParameterEstimate& e, const Spread& spread, const std::string& partner, double correlation,
+                    bool at_bound) {
   const double percent = 100 * spread.joint;
   std::string text;
   switch (e.verdict) {
     case Verdict::well_determined:
-      text = fmt::format("The readings determine {} to {:.2g} %{}.", e.spec.id, percent, e.spec.logarithmic ? "" : " of its range");
+      text = fmt::format("The readings determine {} to {:.2g} %{}.", e.spec.id, percent,
+                         e.spec.logarithmic ? "" : " of its range");
       break;
     case Verdict::weakly_determined:
-      text = fmt::format("The readings determine {} to {:.2g} %{} only: its value is a rough one; more repeats or loads at which it matters more would help.",
-                         e.spec.id, percent, e.spec.logarithmic ? "" : " of its range");
+      text = fmt::format(
+          "The readings determine {} to {:.2g} %{} only: its value is a rough one; more repeats or loads at which it "
+          "matters more would help.",
+          e.spec.id, percent, e.spec.logarithmic ? "" : " of its range");
       break;
     case Verdict::bounded_from_one_side:
-      text = fmt::format("The readings say that {} is {} {} and nothing more: {} it no longer changes the predictions by more than the noise; "
-                         "take the value from elsewhere and fix it.",
-                         e.spec.id, e.lower95 ? "above" : "below", with_unit(e.lower95 ? *e.lower95 : *e.upper95, e.spec.unit), e.lower95 ? "beyond that" : "below that");
+      text = fmt::format(
+          "The readings say that {} is {} {} and nothing more: {} it no longer changes the predictions by more than "
+          "the noise; "
+          "take the value from elsewhere and fix it.",
+          e.spec.id, e.lower95 ? "above" : "below", with_unit(e.lower95 ? *e.lower95 : *e.upper95, e.spec.unit),
+          e.lower95 ? "beyond that" : "below that");
       break;
     case Verdict::tied:
-      text = fmt::format("The readings see {} but cannot tell it from {}: a change of one is made up for by the other; fix one of them from another "
-                         "measurement, or add loads that separate them.",
-                         e.spec.id, partner.empty() ? "the other parameters" : partner);
+      text = fmt::format(
+          "The readings see {} but cannot tell it from {}: a change of one is made up for by the other; fix one of "
+          "them from another "
+          "measurement, or add loads that separate them.",
+          e.spec.id, partner.empty() ? "the other parameters" : partner);
       break;
     case Verdict::invisible:
-      text = fmt::format("The readings do not depend on {} within their noise: its value is where the search happened to be, not a result; fix it, or measure where it matters.", e.spec.id);
+      text = fmt::format(
+          "The readings do not depend on {} within their noise: its value is where the search happened to be, not a "
+          "result; fix it, or measure where it matters.",
+          e.spec.id);
+      break;
+    case Verdict::unknown:
       break;
   }
-  if ((e.verdict == Verdict::well_determined || e.verdict == Verdict::weakly_determined) && std::abs(correlation) > 0.9) {
+  if ((e.verdict == Verdict::well_determined || e.verdict == Verdict::weakly_determined) &&
+      std::abs(correlation) > 0.9) {
     text += fmt::format(" It is correlated with {} ({:.2f}).", partner, correlation);
   }
-  if (at_bound) text += " The fit ended at a bound that was set: the interval ends there by assumption, so widen the bound or ask whether the model fits.";
+  if (at_bound)
+    text +=
+        " The fit ended at a bound that was set, not at what the readings prefer: widen the bound or ask whether the "
+        "model fits.";
   return text;
 }
 
@@ -398,21 +424,32 @@ LackOfFit lack_of_fit(const std::vector<Measurement>& measurements, double chi_s
 
 std::string_view name_of(Verdict verdict) {
   switch (verdict) {
-    case Verdict::well_determined: return "well determined";
-    case Verdict::weakly_determined: return "weakly determined";
-    case Verdict::bounded_from_one_side: return "bounded from one side";
-    case Verdict::tied: return "tied";
-    case Verdict::invisible: return "invisible";
+    case Verdict::well_determined:
+      return "well determined";
+    case Verdict::weakly_determined:
+      return "weakly determined";
+    case Verdict::bounded_from_one_side:
+      return "bounded from one side";
+    case Verdict::tied:
+      return "tied";
+    case Verdict::invisible:
+      return "invisible";
+    case Verdict::unknown:
+      return "unknown";
   }
   return "";
 }
 
 std::string_view name_of(FitStatus status) {
   switch (status) {
-    case FitStatus::converged: return "converged";
-    case FitStatus::not_converged: return "not converged";
-    case FitStatus::start_failed: return "start failed";
-    case FitStatus::interrupted: return "interrupted";
+    case FitStatus::converged:
+      return "converged";
+    case FitStatus::not_converged:
+      return "not converged";
+    case FitStatus::start_failed:
+      return "start failed";
+    case FitStatus::interrupted:
+      return "interrupted";
   }
   return "";
 }
@@ -431,14 +468,16 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
               const FitOptions& options) {
   if (free.empty()) throw InputError("there is no free parameter to fit; name at least one under [fit.free]");
   if (measurements.size() < free.size()) {
-    throw InputError(fmt::format("{} readings cannot determine {} parameters; add readings or fix parameters", measurements.size(), free.size()));
+    throw InputError(fmt::format("{} readings cannot determine {} parameters; add readings or fix parameters",
+                                 measurements.size(), free.size()));
   }
   Evaluator evaluator(protocol, measurements, free, options);
   std::vector<double> q;
   for (size_t j = 0; j < free.size(); ++j) {
     const ParameterSpec& spec = protocol.parameters()[free[j].index];
     if (!(free[j].lower < free[j].upper) || !(free[j].start >= free[j].lower && free[j].start <= free[j].upper)) {
-      throw InputError(fmt::format("{}: the start {:.6g} {} must lie between its bounds {:.6g} and {:.6g}", spec.id, free[j].start, spec.unit, free[j].lower, free[j].upper));
+      throw InputError(fmt::format("{}: the start {:.6g} {} must lie between its bounds {:.6g} and {:.6g}", spec.id,
+                                   free[j].start, spec.unit, free[j].lower, free[j].upper));
     }
     q.push_back(evaluator.scale(j).inside(free[j].start));
   }
@@ -447,18 +486,18 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
   const size_t n = free.size();
   Minimum best;
   best.q = q;
-  // What is reported is computed once more from the start of the protocol's path, without the fit's history. Should the history
-  // have led to another equilibrium than that path does, the fit goes on from there.
+  // What is reported is computed once more from the start of the protocol's path, without the fit's history. Should the
+  // history have led to another equilibrium than that path does, the fit goes on from there.
   Evaluator last(protocol, measurements, free, options);
   for (int round = 0; round < 3; ++round) {
     const bool near = round > 0 || step_in_compliance(evaluator, free, best.q);
     best = minimise(evaluator, free, measurements.size(), best.q, -1, near ? undamped : damped, options);
     result.iterations += std::max(0, static_cast<int>(best.summary.iterations.size()) - 1);
     result.message = best.summary.message;
-    result.status = evaluator.stopped()                                                     ? FitStatus::interrupted
-                    : best.summary.termination_type == ceres::CONVERGENCE                   ? FitStatus::converged
+    result.status = evaluator.stopped()                                                 ? FitStatus::interrupted
+                    : best.summary.termination_type == ceres::CONVERGENCE               ? FitStatus::converged
                     : evaluator.failed > 0 && evaluator.failed == evaluator.evaluations ? FitStatus::start_failed
-                                                                                            : FitStatus::not_converged;
+                                                                                        : FitStatus::not_converged;
     if (result.status == FitStatus::start_failed || result.status == FitStatus::interrupted) break;
     protocol.forget();
     last.reset();
@@ -472,7 +511,10 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
     evaluator.reset();
     if (round == 2) {
       result.status = FitStatus::not_converged;
-      result.message = fmt::format("chi squared is {:.6g} on the fit's way and {:.6g} on the protocol's own path: there is more than one equilibrium", best.chi_squared, again);
+      result.message = fmt::format(
+          "chi squared is {:.6g} on the fit's way and {:.6g} on the protocol's own path: there is more than one "
+          "equilibrium",
+          best.chi_squared, again);
     }
   }
   result.evaluations = evaluator.evaluations + last.evaluations;
@@ -501,15 +543,17 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
     result.message = "the fit ended where simulations fail, before it was at a minimum: " + evaluator.failures.front();
   }
   result.residuals.resize(r.size());
-  for (size_t i = 0; i < measurements.size(); ++i) result.residuals[static_cast<Eigen::Index>(i)] = -r[static_cast<Eigen::Index>(i)] * measurements[i].sigma;
+  for (size_t i = 0; i < measurements.size(); ++i)
+    result.residuals[static_cast<Eigen::Index>(i)] = -r[static_cast<Eigen::Index>(i)] * measurements[i].sigma;
   result.dof = static_cast<int>(measurements.size()) - static_cast<int>(n);
   result.chi_squared_p = chi_squared_probability(result.chi_squared, result.dof);
   result.lack_of_fit = lack_of_fit(measurements, result.chi_squared, n);
 
-  // Directions that the readings do not see get a deviation of a hundred ranges instead of a pseudo-inverse's zero; more than that
-  // would drown in rounding what they do see.
+  // Directions that the readings do not see get a deviation of a hundred ranges instead of a pseudo-inverse's zero;
+  // more than that would drown in rounding what they do see.
   Eigen::VectorXd ranges(static_cast<Eigen::Index>(n));
-  for (size_t j = 0; j < n; ++j) ranges[static_cast<Eigen::Index>(j)] = range_of(free[j], evaluator.scale(j), result.parameters[j].value);
+  for (size_t j = 0; j < n; ++j)
+    ranges[static_cast<Eigen::Index>(j)] = range_of(free[j], evaluator.scale(j), result.parameters[j].value);
   const Eigen::JacobiSVD<Eigen::MatrixXd> svd(J * ranges.asDiagonal(), Eigen::ComputeThinU | Eigen::ComputeThinV);
   result.singular_values = svd.singularValues();
   result.weakest = svd.matrixV().col(static_cast<Eigen::Index>(n) - 1);
@@ -537,10 +581,13 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
       low = high = std::nullopt;
       if (options.profiles && !evaluator.stopped()) {
         const double guess = std::min(z95 * sd[k], scale.logarithmic ? 1.0 : 0.25 * range);
-        low = profile_end(evaluator, free, measurements.size(), best, j, -1, guess, estimate.verdict == Verdict::tied, options);
-        high = profile_end(evaluator, free, measurements.size(), best, j, +1, guess, estimate.verdict == Verdict::tied, options);
+        low = profile_end(evaluator, free, measurements.size(), best, j, -1, guess, estimate.verdict == Verdict::tied,
+                          options);
+        high = profile_end(evaluator, free, measurements.size(), best, j, +1, guess, estimate.verdict == Verdict::tied,
+                           options);
       }
-      if (estimate.verdict != Verdict::well_determined && low.has_value() != high.has_value()) estimate.verdict = Verdict::bounded_from_one_side;
+      if (estimate.verdict != Verdict::well_determined && low.has_value() != high.has_value())
+        estimate.verdict = Verdict::bounded_from_one_side;
       if (estimate.verdict == Verdict::invisible && low && high) estimate.verdict = Verdict::weakly_determined;
     }
     if (low) estimate.lower95 = scale.outside(*low);

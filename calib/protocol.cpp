@@ -14,8 +14,12 @@ namespace taut {
 
 StaticProtocol::StaticProtocol(Scene scene, std::vector<NamedChannel> channels, std::vector<int> controls,
                                std::vector<int> switched_off_at_rest, std::vector<StaticRow> rows, Options options)
-    : scene_(std::move(scene)), channels_(std::move(channels)), controls_(std::move(controls)),
-      off_at_rest_(std::move(switched_off_at_rest)), rows_(std::move(rows)), options_(options) {
+    : scene_(std::move(scene)),
+      channels_(std::move(channels)),
+      controls_(std::move(controls)),
+      off_at_rest_(std::move(switched_off_at_rest)),
+      rows_(std::move(rows)),
+      options_(options) {
   auto condition_with = [&](const std::vector<double>& values) {
     for (size_t c = 0; c < conditions_.size(); ++c) {
       if (conditions_[c].controls == values) return static_cast<int>(c);
@@ -30,7 +34,8 @@ StaticProtocol::StaticProtocol(Scene scene, std::vector<NamedChannel> channels, 
   if (options_.from_unloaded) unloaded_ = condition_with(std::vector<double>(controls_.size(), 0.0));
   const int cores = options_.threads > 0 ? options_.threads : static_cast<int>(std::thread::hardware_concurrency());
   const int count = std::clamp(cores, 1, std::max(1, static_cast<int>(conditions_.size())));
-  for (int i = 0; i < count; ++i) workspaces_.push_back(std::make_unique<Equilibrium>(*scene_.model, options_.equilibrium));
+  for (int i = 0; i < count; ++i)
+    workspaces_.push_back(std::make_unique<Equilibrium>(*scene_.model, options_.equilibrium));
 }
 
 void StaticProtocol::forget() {
@@ -51,7 +56,8 @@ std::string StaticProtocol::describe(const Condition& condition, const Params& p
   return text;
 }
 
-/// Whether an equilibrium at `from` is a better start for `to` than the rest shape is: stiffnesses within a factor of 1.5.
+/// Whether an equilibrium at `from` is a better start for `to` than the rest shape is: stiffnesses within a factor
+/// of 1.5.
 bool StaticProtocol::near(const Params& from, const Params& to) const {
   for (int i = 0; i < parameters().size(); ++i) {
     if (parameters()[i].logarithmic && !(from[i] < 1.5 * to[i] && to[i] < 1.5 * from[i])) return false;
@@ -59,18 +65,21 @@ bool StaticProtocol::near(const Params& from, const Params& to) const {
   return true;
 }
 
-void StaticProtocol::solve_condition(Condition& condition, const Params& p, const std::vector<int>& free, Equilibrium& equilibrium) const {
+void StaticProtocol::solve_condition(Condition& condition, const Params& p, const std::vector<int>& free,
+                                     Equilibrium& equilibrium) const {
   Params target = p;
   for (size_t k = 0; k < controls_.size(); ++k) target[controls_[k]] = condition.controls[k];
   SolveReport total;
   bool done = false;
   if (condition.solved && near(condition.p, target)) {
-    // Predict from the last equilibrium; a stiffness by its reciprocal, in which displacements of a linear solid are linear.
+    // Predict from the last equilibrium; a stiffness by its reciprocal, in which displacements of a linear solid are
+    // linear.
     Eigen::VectorXd u = condition.u;
     for (size_t k = 0; k < condition.sensitivity_of.size(); ++k) {
       const int index = condition.sensitivity_of[k];
       const double from = condition.p[index], to = target[index];
-      u += (parameters()[index].logarithmic ? from * (1 - from / to) : to - from) * condition.sensitivities.col(static_cast<Eigen::Index>(k));
+      u += (parameters()[index].logarithmic ? from * (1 - from / to) : to - from) *
+           condition.sensitivities.col(static_cast<Eigen::Index>(k));
     }
     equilibrium.start_at(u, target);
     total = equilibrium.solve(target);
@@ -103,7 +112,8 @@ Prediction StaticProtocol::predict(const Params& p, const std::vector<int>& free
   std::vector<std::exception_ptr> errors(workspaces_.size());
   auto work = [&](size_t thread) {
     try {
-      for (size_t c = next++; c < conditions_.size(); c = next++) solve_condition(conditions_[c], p, free, *workspaces_[thread]);
+      for (size_t c = next++; c < conditions_.size(); c = next++)
+        solve_condition(conditions_[c], p, free, *workspaces_[thread]);
     } catch (...) {
       errors[thread] = std::current_exception();
     }
@@ -121,7 +131,8 @@ Prediction StaticProtocol::predict(const Params& p, const std::vector<int>& free
     factorisations_ += condition.report.factorisations;
     newton_iterations_ += condition.report.iterations;
     if (condition.report.status != SolveStatus::converged) {
-      prediction.failures.push_back(fmt::format("no equilibrium at {}: {}", describe(condition, p), condition.report.message()));
+      prediction.failures.push_back(
+          fmt::format("no equilibrium at {}: {}", describe(condition, p), condition.report.message()));
     }
   }
   const Eigen::Index count = row_count(), k = static_cast<Eigen::Index>(free.size());
@@ -136,7 +147,8 @@ Prediction StaticProtocol::predict(const Params& p, const std::vector<int>& free
     prediction.values[r] = channel.value(condition.u) - (unloaded != nullptr ? channel.value(unloaded->u) : 0.0);
     if (k == 0) continue;
     prediction.derivatives.row(r) = channel.gradient(condition.u).transpose() * condition.sensitivities;
-    if (unloaded != nullptr) prediction.derivatives.row(r) -= channel.gradient(unloaded->u).transpose() * unloaded->sensitivities;
+    if (unloaded != nullptr)
+      prediction.derivatives.row(r) -= channel.gradient(unloaded->u).transpose() * unloaded->sensitivities;
   }
   return prediction;
 }

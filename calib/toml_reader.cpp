@@ -22,7 +22,9 @@ std::string TableReader::where(std::string_view key) const {
   return text;
 }
 
-void TableReader::fail(std::string_view key, const std::string& what) const { throw InputError(where(key) + ": " + what); }
+void TableReader::fail(std::string_view key, const std::string& what) const {
+  throw InputError(where(key) + ": " + what);
+}
 
 const toml::node& TableReader::get(std::string_view key) {
   const toml::node* node = find(key);
@@ -30,7 +32,9 @@ const toml::node& TableReader::get(std::string_view key) {
   return *node;
 }
 
-bool TableReader::has(std::string_view key) { return find(key) != nullptr; }
+bool TableReader::has(std::string_view key) {
+  return find(key) != nullptr;
+}
 
 std::string TableReader::text(std::string_view key) {
   const auto value = get(key).value_exact<std::string>();
@@ -39,7 +43,9 @@ std::string TableReader::text(std::string_view key) {
   return *value;
 }
 
-std::string TableReader::text(std::string_view key, std::string fallback) { return has(key) ? text(key) : fallback; }
+std::string TableReader::text(std::string_view key, std::string fallback) {
+  return has(key) ? text(key) : fallback;
+}
 
 std::string TableReader::choice(std::string_view key, const std::vector<std::string>& allowed) {
   const std::string value = text(key, allowed.front());
@@ -59,7 +65,8 @@ double TableReader::number(std::string_view key) {
 int TableReader::integer(std::string_view key, int fallback, int smallest) {
   if (!has(key)) return fallback;
   const auto value = get(key).value_exact<int64_t>();
-  if (!value || *value < smallest || *value > 1'000'000'000) fail(key, fmt::format("a whole number of at least {} belongs here", smallest));
+  if (!value || *value < smallest || *value > 1'000'000'000)
+    fail(key, fmt::format("a whole number of at least {} belongs here", smallest));
   return static_cast<int>(*value);
 }
 
@@ -78,10 +85,13 @@ double TableReader::quantity_of(const toml::node& node, std::string_view key, Qu
     fail(key, "the number must be finite");
   }
   if (quantity == Quantity::pure) fail(key, "a number belongs here");
-  fail(key, fmt::format("a {} in quotes with its unit belongs here, for example \"1 {}\"; units: {}", name_of(quantity), units_of(quantity).front(), join(units_of(quantity))));
+  fail(key, fmt::format("a {} in quotes with its unit belongs here, for example \"1 {}\"; units: {}", name_of(quantity),
+                        units_of(quantity).front(), join(units_of(quantity))));
 }
 
-double TableReader::quantity(std::string_view key, Quantity quantity) { return quantity_of(get(key), key, quantity); }
+double TableReader::quantity(std::string_view key, Quantity quantity) {
+  return quantity_of(get(key), key, quantity);
+}
 
 std::optional<GivenValue> TableReader::optional_given(std::string_view key) {
   if (!has(key)) return std::nullopt;
@@ -99,7 +109,8 @@ std::optional<double> TableReader::optional_quantity(std::string_view key, Quant
 const toml::array& TableReader::array(std::string_view key, size_t count) {
   const toml::array* array = get(key).as_array();
   if (array == nullptr) fail(key, "a list in square brackets belongs here");
-  if (count > 0 && array->size() != count) fail(key, fmt::format("the list has {} entries, but {} belong here", array->size(), count));
+  if (count > 0 && array->size() != count)
+    fail(key, fmt::format("the list has {} entries, but {} belong here", array->size(), count));
   return *array;
 }
 
@@ -109,7 +120,9 @@ std::vector<double> TableReader::quantities(std::string_view key, Quantity quant
   return values;
 }
 
-std::vector<double> TableReader::numbers(std::string_view key, size_t count) { return quantities(key, Quantity::pure, count); }
+std::vector<double> TableReader::numbers(std::string_view key, size_t count) {
+  return quantities(key, Quantity::pure, count);
+}
 
 std::vector<std::string> TableReader::texts(std::string_view key) {
   std::vector<std::string> values;
@@ -122,11 +135,14 @@ std::vector<std::string> TableReader::texts(std::string_view key) {
   return values;
 }
 
-std::vector<std::string> TableReader::texts_or_none(std::string_view key) { return has(key) ? texts(key) : std::vector<std::string>{}; }
+std::vector<std::string> TableReader::texts_or_none(std::string_view key) {
+  return has(key) ? texts(key) : std::vector<std::string>{};
+}
 
 TableReader TableReader::table(std::string_view key) {
   const toml::node* node = find(key);
-  if (node == nullptr) fail("", fmt::format("the table [{}{}{}] is missing; add it", name_, name_.empty() ? "" : ".", key));
+  if (node == nullptr)
+    fail("", fmt::format("the table [{}{}{}] is missing; add it", name_, name_.empty() ? "" : ".", key));
   if (!node->is_table()) fail(key, fmt::format("a table [{}] belongs here", key));
   return {*node->as_table(), file_, name_.empty() ? std::string(key) : name_ + "." + std::string(key)};
 }
@@ -140,7 +156,8 @@ std::vector<std::pair<std::string, TableReader>> TableReader::named_tables(std::
   std::vector<std::pair<std::string, TableReader>> tables;
   if (!has(key)) return tables;
   TableReader parent = table(key);
-  for (const auto& [name, node] : *parent.table_) tables.emplace_back(std::string(name.str()), parent.table(name.str()));
+  for (const auto& [name, node] : *parent.table_)
+    tables.emplace_back(std::string(name.str()), parent.table(name.str()));
   return tables;
 }
 
@@ -150,7 +167,8 @@ std::vector<TableReader> TableReader::tables(std::string_view key) {
   if (node == nullptr) return readers;
   const std::string name = name_.empty() ? std::string(key) : name_ + "." + std::string(key);
   const toml::array* array = node->as_array();
-  if (array == nullptr || !array->is_array_of_tables()) fail(key, fmt::format("this is a list of tables; write [[{}]]", name));
+  if (array == nullptr || !array->is_array_of_tables())
+    fail(key, fmt::format("this is a list of tables; write [[{}]]", name));
   for (const toml::node& element : *array) readers.emplace_back(*element.as_table(), file_, name);
   return readers;
 }
@@ -160,8 +178,9 @@ void TableReader::finish() {
     const std::string name(key.str());
     if (std::find(asked_.begin(), asked_.end(), name) != asked_.end()) continue;
     const auto line = key.source().begin.line;
-    throw InputError(fmt::format("{}:{}: {}unknown key '{}'{}; allowed: {}", file_, line, name_.empty() ? "" : "[" + name_ + "]: ", name,
-                                 did_you_mean(name, asked_), join(asked_)));
+    throw InputError(fmt::format("{}:{}: {}unknown key '{}'{}; allowed: {}", file_, line,
+                                 name_.empty() ? "" : "[" + name_ + "]: ", name, did_you_mean(name, asked_),
+                                 join(asked_)));
   }
 }
 

@@ -1,8 +1,9 @@
 #pragma once
+#include <toml++/toml.h>
+
 #include <optional>
 #include <string>
 #include <string_view>
-#include <toml++/toml.h>
 #include <vector>
 
 #include "calib/experiment.hpp"
@@ -10,12 +11,13 @@
 
 namespace taut {
 
-/// Reads one table of an experiment file. Every key that is asked for is known; finish() refuses all others with their line and
-/// the nearest known name, so a misspelt key is never silently a default. All functions throw InputError
+/// Reads one table of an experiment file. Every key that is asked for is known; finish() refuses all others with their
+/// line and the nearest known name, so a misspelt key is never silently a default. All functions throw InputError
 /// "file:line: [table] key: what is wrong, what is allowed".
 class TableReader {
  public:
-  TableReader(const toml::table& table, std::string file, std::string name) : table_(&table), file_(std::move(file)), name_(std::move(name)) {}
+  TableReader(const toml::table& table, std::string file, std::string name)
+      : table_(&table), file_(std::move(file)), name_(std::move(name)) {}
 
   bool has(std::string_view key);
   std::string text(std::string_view key);  ///< required
@@ -33,13 +35,14 @@ class TableReader {
   /// ["100 mm", "30 mm"]; `count` entries unless it is 0.
   std::vector<double> quantities(std::string_view key, Quantity quantity, size_t count);
   std::vector<double> numbers(std::string_view key, size_t count);  ///< [0, 0, -1]
-  std::vector<std::string> texts(std::string_view key);              ///< required, at least one
+  std::vector<std::string> texts(std::string_view key);             ///< required, at least one
   std::vector<std::string> texts_or_none(std::string_view key);
   /// A sub-table; required.
   TableReader table(std::string_view key);
   /// A sub-table or an empty one.
   std::optional<TableReader> optional_table(std::string_view key);
-  /// All sub-tables of a table of tables ([materials.foam], [materials.plastic]): name and reader; none when it is not there.
+  /// All sub-tables of a table of tables ([materials.foam], [materials.plastic]): name and reader; none when it is not
+  /// there.
   std::vector<std::pair<std::string, TableReader>> named_tables(std::string_view key);
   /// An array of tables ([[load]], [[load]]); none when it is not there.
   std::vector<TableReader> tables(std::string_view key);

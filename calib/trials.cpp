@@ -395,23 +395,29 @@ std::vector<LoadRow> read_load_rows(const BenchFormat& format, const std::string
     indices.push_back(controls.back().index);
   }
   std::vector<std::string> known = format.ignored;
-  for (const std::string* name : {&format.trial_column, &format.channel_column, &format.value_column, &format.sigma_column}) known.push_back(*name);
+  for (const std::string* name :
+       {&format.trial_column, &format.channel_column, &format.value_column, &format.sigma_column})
+    known.push_back(*name);
   for (const BenchFormat::Control& control : format.controls) known.push_back(control.column);
   for (const BenchFormat::Channel& channel : format.channels) known.push_back(channel.column);
   for (size_t column = 0; column < table.header.cells.size(); ++column) {
     const std::string& name = table.header.cells[column];
     if (!contains(known, name)) {
-      throw InputError(fmt::format("{}: the experiment knows no such column{}; delete it", table.at(table.header, column), did_you_mean(name, known)));
+      throw InputError(fmt::format("{}: the experiment knows no such column{}; delete it",
+                                   table.at(table.header, column), did_you_mean(name, known)));
     }
   }
-  if (table.rows.empty()) throw InputError(fmt::format("{}: there is a header but no row below it; add one row per load", table.at(table.header.line)));
+  if (table.rows.empty())
+    throw InputError(
+        fmt::format("{}: there is a header but no row below it; add one row per load", table.at(table.header.line)));
   check_cell_counts(table);
   const bool decimal_commas = has_decimal_commas(table, indices);
   std::vector<LoadRow> rows;
   for (const Row& row : table.rows) {
     LoadRow& load = rows.emplace_back();
     load.line = row.line;
-    for (const NumberColumn& control : controls) load.controls.push_back(number_in(table, row, control.index, decimal_commas) * control.factor);
+    for (const NumberColumn& control : controls)
+      load.controls.push_back(number_in(table, row, control.index, decimal_commas) * control.factor);
   }
   return rows;
 }

@@ -38,13 +38,13 @@ struct BenchFormat {
     InstrumentNoise noise;
   };
   std::string path;
-  std::string trial_column;           ///< "" when there is none: rows with equal controls are then repeats
+  std::string trial_column;  ///< "" when there is none: rows with equal controls are then repeats
   std::vector<Control> controls;
   std::vector<Channel> channels;
-  std::string channel_column;         ///< long files: the column that holds the channel's id; else ""
-  std::string value_column;           ///< long files: the column that holds the reading; else ""
-  std::string sigma_column;           ///< optional: sigma per row (a length like the reading); overrides the noise
-  std::vector<std::string> ignored;   ///< columns that are deliberately not used
+  std::string channel_column;        ///< long files: the column that holds the channel's id; else ""
+  std::string value_column;          ///< long files: the column that holds the reading; else ""
+  std::string sigma_column;          ///< optional: sigma per row (a length like the reading); overrides the noise
+  std::vector<std::string> ignored;  ///< columns that are deliberately not used
 };
 
 /// All readings of a bench, repeats kept.
@@ -70,8 +70,8 @@ struct LoadRow {
   std::vector<double> controls;  ///< SI, in the order of BenchFormat::controls
 };
 
-/// Reads the control columns of `format` from the CSV file at `path`; the format's other columns may be there and are not read.
-/// Throws InputError as read_trials() does.
+/// Reads the control columns of `format` from the CSV file at `path`; the format's other columns may be there and are
+/// not read. Throws InputError as read_trials() does.
 std::vector<LoadRow> read_load_rows(const BenchFormat& format, const std::string& path);
 
 }  // namespace taut

@@ -6,7 +6,20 @@
 
 namespace taut {
 
-enum class Quantity { pure, length, area, mass, force, pressure, density, acceleration, time, angle, stiffness, line_load };
+enum class Quantity {
+  pure,
+  length,
+  area,
+  mass,
+  force,
+  pressure,
+  density,
+  acceleration,
+  time,
+  angle,
+  stiffness,
+  line_load
+};
 
 std::string_view name_of(Quantity quantity);
 
@@ -24,7 +37,8 @@ std::optional<double> parse_number(std::string_view text);
 /// Throws InputError for a missing or wrong unit or number; `where` starts the message.
 double parse_quantity(std::string_view text, Quantity quantity, std::string_view where);
 
-/// The quantity whose SI unit this is ("Pa": pressure). Throws std::logic_error for others: units of parameters are ours.
+/// The quantity whose SI unit this is ("Pa": pressure). Throws std::logic_error for others: units of parameters are
+/// ours.
 Quantity quantity_of_si_unit(std::string_view si_unit);
 
 /// A number for people: 4 significant digits and a handy unit of the same quantity ("263.8 kPa", "6.49 mm").

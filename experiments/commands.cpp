@@ -26,7 +26,9 @@ class Stopwatch {
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
 };
 
-bool interrupted(const CommandOptions& options) { return options.stop != nullptr && options.stop->load(); }
+bool interrupted(const CommandOptions& options) {
+  return options.stop != nullptr && options.stop->load();
+}
 
 std::vector<int> indices_of(const std::vector<FreeParameter>& free) {
   std::vector<int> indices;
@@ -35,21 +37,27 @@ std::vector<int> indices_of(const std::vector<FreeParameter>& free) {
 }
 
 /// A finite number or null.
-Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
+Json number(double value) {
+  return std::isfinite(value) ? Json(value) : Json(nullptr);
+}
 
 /// Readings as a table for people.
 void print_readings(const RunRecord& record) {
-  fmt::print("{:>5}  {:<12} {:<14} {:<28} {:>11} {:>11} {:>9} {:>8}\n", "line", "trial", "channel", "controls", "measured", "predicted", "residual", "/sigma");
+  fmt::print("{:>5}  {:<12} {:<14} {:<28} {:>11} {:>11} {:>9} {:>8}\n", "line", "trial", "channel", "controls",
+             "measured", "predicted", "residual", "/sigma");
   for (const ReadingRecord& reading : record.readings) {
     std::string controls;
-    for (size_t k = 0; k < reading.controls.size(); ++k) controls += fmt::format("{}{}", k == 0 ? "" : ", ", with_unit(reading.controls[k], record.control_units[k]));
+    for (size_t k = 0; k < reading.controls.size(); ++k)
+      controls += fmt::format("{}{}", k == 0 ? "" : ", ", with_unit(reading.controls[k], record.control_units[k]));
     const double residual = reading.measured - reading.predicted;
-    fmt::print("{:>5}  {:<12} {:<14} {:<28} {:>8.3f} mm {:>8.3f} mm {:>6.3f} mm {:>8.2f}\n", reading.line, reading.trial, reading.channel, controls,
-               1e3 * reading.measured, 1e3 * reading.predicted, 1e3 * residual, residual / reading.sigma);
+    fmt::print("{:>5}  {:<12} {:<14} {:<28} {:>8.3f} mm {:>8.3f} mm {:>6.3f} mm {:>8.2f}\n", reading.line,
+               reading.trial, reading.channel, controls, 1e3 * reading.measured, 1e3 * reading.predicted,
+               1e3 * residual, residual / reading.sigma);
   }
 }
 
-void fill_predictions(RunRecord& record, const StaticBench& bench, const Eigen::VectorXd& values, const Eigen::VectorXd& se) {
+void fill_predictions(RunRecord& record, const StaticBench& bench, const Eigen::VectorXd& values,
+                      const Eigen::VectorXd& se) {
   for (size_t i = 0; i < record.readings.size(); ++i) {
     record.readings[i].predicted = values[bench.row_of_reading[i]];
     if (se.size() > 0) record.readings[i].prediction_se = se[bench.row_of_reading[i]];
@@ -57,7 +65,9 @@ void fill_predictions(RunRecord& record, const StaticBench& bench, const Eigen::
 }
 
 std::string interval_text(const ParameterEstimate& e) {
-  auto end = [&](const std::optional<double>& value) { return value ? with_unit(*value, e.spec.unit) : std::string("open"); };
+  auto end = [&](const std::optional<double>& value) {
+    return value ? with_unit(*value, e.spec.unit) : std::string("open");
+  };
   return fmt::format("{} to {}", end(e.lower95), end(e.upper95));
 }
 
@@ -65,32 +75,40 @@ void print_fit(const RunRecord& record) {
   const FitResult& fit = record.fit;
   if (record.simulated) fmt::print("SIMULATED DATA: the readings were made by a program, not measured.\n");
   for (const ParameterEstimate& e : fit.parameters) {
-    fmt::print("{} = {} +- {} (standard error), 95 % interval {}: {}\n  {}\n", e.spec.id, with_unit(e.value, e.spec.unit),
-               std::isfinite(e.standard_error) ? with_unit(e.standard_error, e.spec.unit, 2) : "unknown", interval_text(e), name_of(e.verdict), e.explanation);
+    fmt::print("{} = {} +- {} (standard error), 95 % interval {}: {}\n  {}\n", e.spec.id,
+               with_unit(e.value, e.spec.unit),
+               std::isfinite(e.standard_error) ? with_unit(e.standard_error, e.spec.unit, 2) : "unknown",
+               interval_text(e), name_of(e.verdict), e.explanation);
   }
   fmt::print("chi squared {:.4g} for {} degrees of freedom (p = {:.2g})", fit.chi_squared, fit.dof, fit.chi_squared_p);
-  if (fit.lack_of_fit.available) fmt::print("; lack of fit F = {:.3g} (p = {:.2g})", fit.lack_of_fit.F, fit.lack_of_fit.p_value);
+  if (fit.lack_of_fit.available)
+    fmt::print("; lack of fit F = {:.3g} (p = {:.2g})", fit.lack_of_fit.F, fit.lack_of_fit.p_value);
   fmt::print("\n");
   if (fit.chi_squared_p < 0.05 && fit.dof > 0) {
-    fmt::print("  the curve misses the readings by more than the declared sigmas: model or sigmas are not right somewhere; if it were noise, standard errors would be {:.2g} times as large\n",
-               std::sqrt(fit.chi_squared / fit.dof));
+    fmt::print(
+        "  the curve misses the readings by more than the declared sigmas: model or sigmas are not right somewhere; if "
+        "it were noise, standard errors would be {:.2g} times as large\n",
+        std::sqrt(fit.chi_squared / fit.dof));
   }
   for (const VariantRecord& variant : record.variants) {
     std::string values;
-    for (size_t j = 0; j < variant.values.size(); ++j) values += fmt::format("{}{} = {}", j == 0 ? "" : ", ", fit.parameters[j].spec.id, with_unit(variant.values[j], fit.parameters[j].spec.unit));
+    for (size_t j = 0; j < variant.values.size(); ++j)
+      values += fmt::format("{}{} = {}", j == 0 ? "" : ", ", fit.parameters[j].spec.id,
+                            with_unit(variant.values[j], fit.parameters[j].spec.unit));
     fmt::print("variant {:<22} {:<48} {}\n", variant.name, variant.mesh, values.empty() ? variant.status : values);
   }
   for (const ReferenceRecord& reference : record.references) {
     for (const ParameterEstimate& e : fit.parameters) {
       if (e.spec.id == reference.parameter) {
-        fmt::print("published {} = {} ({}): ours is {:+.1f} %\n", e.spec.id, with_unit(reference.value, e.spec.unit), reference.source, 100 * (e.value / reference.value - 1));
+        fmt::print("published {} = {} ({}): ours is {:+.1f} %\n", e.spec.id, with_unit(reference.value, e.spec.unit),
+                   reference.source, 100 * (e.value / reference.value - 1));
       }
     }
   }
 }
 
-/// Standard deviation that a new reading of a channel would have at this load: that of the run's readings, interpolated over
-/// the load and constant beyond them.
+/// Standard deviation that a new reading of a channel would have at this load: that of the run's readings, interpolated
+/// over the load and constant beyond them.
 double sigma_at(const RunRecord& record, const std::string& channel, double load) {
   std::map<double, std::pair<double, int>> by_load;  // load to sum of sigma^2 and count
   for (size_t i = 0; i < record.readings.size(); ++i) {
@@ -109,7 +127,8 @@ double sigma_at(const RunRecord& record, const std::string& channel, double load
   return (1 - t) * sigma(below) + t * sigma(above);
 }
 
-FitOptions fit_options(const CommandOptions& options, const Session& session, const std::vector<FreeParameter>& free, Progress& progress, const std::string& what) {
+FitOptions fit_options(const CommandOptions& options, const Session& session, const std::vector<FreeParameter>& free,
+                       Progress& progress, const std::string& what) {
   FitOptions result;
   result.stop = options.stop;
   result.progress = [&progress, &session, &free, what](const FitProgress& state) {
@@ -123,7 +142,8 @@ FitOptions fit_options(const CommandOptions& options, const Session& session, co
   return result;
 }
 
-VariantRecord as_variant(const std::string& name, const MeshSettings& mesh, const StaticProtocol& protocol, const FitResult& fit, double seconds) {
+VariantRecord as_variant(const std::string& name, const MeshSettings& mesh, const StaticProtocol& protocol,
+                         const FitResult& fit, double seconds) {
   VariantRecord record;
   record.name = name;
   record.mesh = mesh.describe();
@@ -141,7 +161,8 @@ VariantRecord as_variant(const std::string& name, const MeshSettings& mesh, cons
 }
 
 /// The same fit with another mesh, started from the main one's result. What fails costs that variant.
-VariantRecord fit_variant(const Session& session, const VariantSettings& variant, const FitResult& main, const CommandOptions& options, Progress& progress) {
+VariantRecord fit_variant(const Session& session, const VariantSettings& variant, const FitResult& main,
+                          const CommandOptions& options, Progress& progress) {
   const Stopwatch watch;
   try {
     const StaticBench bench = make_static_bench(session.experiment, variant.mesh, session.trials);
@@ -173,7 +194,11 @@ int check_command(const CommandOptions& options) {
     Json json{{"title", record.title}, {"data", record.simulated ? "simulated" : "measured"}};
     for (const auto& [label, text] : record.setup) json["setup"].push_back({label, text});
     json["free"] = Json::array();
-    for (const FreeParameter& p : free) json["free"].push_back({{"id", table[p.index].id}, {"start", p.start}, {"bounds", {p.lower, p.upper}}, {"unit", table[p.index].unit}});
+    for (const FreeParameter& p : free)
+      json["free"].push_back({{"id", table[p.index].id},
+                              {"start", p.start},
+                              {"bounds", {p.lower, p.upper}},
+                              {"unit", table[p.index].unit}});
     json["warnings"] = record.remarks;
     fmt::print("{}\n", json.dump(2));
     return exit_ok;
@@ -183,9 +208,11 @@ int check_command(const CommandOptions& options) {
   fmt::print("  {:<22} {}\n", "distinct solves", session.bench.protocol->conditions().size());
   for (const FreeParameter& p : free) {
     const ParameterSpec& spec = table[p.index];
-    fmt::print("  {:<22} start {}, bounds {} to {}\n", "free " + spec.id, with_unit(p.start, spec.unit), with_unit(p.lower, spec.unit), with_unit(p.upper, spec.unit));
+    fmt::print("  {:<22} start {}, bounds {} to {}\n", "free " + spec.id, with_unit(p.start, spec.unit),
+               with_unit(p.lower, spec.unit), with_unit(p.upper, spec.unit));
   }
-  if (free.empty()) fmt::print("  nothing is free: `taut fit` needs at least one [fit.free.ID]; parameters: {}\n", join(table.ids()));
+  if (free.empty())
+    fmt::print("  nothing is free: `taut fit` needs at least one [fit.free.ID]; parameters: {}\n", join(table.ids()));
   for (const std::string& warning : record.remarks) fmt::print("warning: {}\n", warning);
   if (record.remarks.empty()) fmt::print("no problems found\n");
   return exit_ok;
@@ -200,12 +227,14 @@ int replay_command(const CommandOptions& options) {
   for (const auto& [id, text] : options.set) {
     const int index = protocol.parameters().index(id);
     if (std::find(protocol.controls().begin(), protocol.controls().end(), index) != protocol.controls().end()) {
-      throw InputError(fmt::format("--set {0}: '{0}' is set by the bench, row by row; change its column in a copy of the bench file", id));
+      throw InputError(fmt::format(
+          "--set {0}: '{0}' is set by the bench, row by row; change its column in a copy of the bench file", id));
     }
     p[index] = parse_quantity(text, quantity_of_si_unit(protocol.parameters()[index].unit), "--set " + id);
     protocol.parameters().check(index, p[index]);
   }
-  progress.say(fmt::format("replaying {} conditions with {} unknowns", protocol.conditions().size(), protocol.scene().model->free_unknowns()));
+  progress.say(fmt::format("replaying {} conditions with {} unknowns", protocol.conditions().size(),
+                           protocol.scene().model->free_unknowns()));
   const Stopwatch watch;
   const Prediction prediction = protocol.predict(p, {});
   record.replay_seconds = watch.seconds();
@@ -214,9 +243,17 @@ int replay_command(const CommandOptions& options) {
   write_file((fs::path(folder) / "predictions.csv").string(), predictions_csv(record));
   make_shapes(session, folder, record.shape_axes);
   if (options.json) {
-    Json json{{"title", record.title}, {"data", record.simulated ? "simulated" : "measured"}, {"seconds", record.replay_seconds}, {"factorisations", protocol.factorisations()}};
+    Json json{{"title", record.title},
+              {"data", record.simulated ? "simulated" : "measured"},
+              {"seconds", record.replay_seconds},
+              {"factorisations", protocol.factorisations()}};
     for (const ReadingRecord& r : record.readings) {
-      json["rows"].push_back({{"line", r.line}, {"channel", r.channel}, {"trial", r.trial}, {"controls", r.controls}, {"measured_m", r.measured}, {"predicted_m", number(r.predicted)}});
+      json["rows"].push_back({{"line", r.line},
+                              {"channel", r.channel},
+                              {"trial", r.trial},
+                              {"controls", r.controls},
+                              {"measured_m", r.measured},
+                              {"predicted_m", number(r.predicted)}});
     }
     json["failures"] = prediction.failures;
     fmt::print("{}\n", json.dump(2));
@@ -227,7 +264,9 @@ int replay_command(const CommandOptions& options) {
   for (const std::string& warning : record.remarks) progress.say("warning: " + warning);
   for (const std::string& warning : warnings_after(protocol)) progress.say("warning: " + warning);
   for (const std::string& failure : prediction.failures) fmt::print(stderr, "taut: {}\n", failure);
-  progress.say(fmt::format("{:.2f} s, {} Newton iterations, {} factorisations; {}/predictions.csv, {}/states/states.pvd", record.replay_seconds, protocol.newton_iterations(), protocol.factorisations(), folder, folder));
+  progress.say(
+      fmt::format("{:.2f} s, {} Newton iterations, {} factorisations; {}/predictions.csv, {}/states/states.pvd",
+                  record.replay_seconds, protocol.newton_iterations(), protocol.factorisations(), folder, folder));
   if (interrupted(options)) return exit_interrupted;
   return prediction.complete() ? exit_ok : exit_solve;
 }
@@ -241,18 +280,21 @@ int fit_command(const CommandOptions& options) {
   RunRecord record = start_record(session, options);
   const std::string folder = run_folder(options);
   for (const std::string& warning : record.remarks) progress.say("warning: " + warning);
-  progress.say(fmt::format("fitting {} readings in {} conditions with {} unknowns", record.readings.size(), protocol.conditions().size(), protocol.scene().model->free_unknowns()));
+  progress.say(fmt::format("fitting {} readings in {} conditions with {} unknowns", record.readings.size(),
+                           protocol.conditions().size(), protocol.scene().model->free_unknowns()));
 
   const Stopwatch fit_watch;
   record.fit = fit(protocol, session.bench.measurements, free, fit_options(options, session, free, progress, "fit"));
   record.fit_factorisations = protocol.factorisations();
   record.main = as_variant("this fit", session.experiment.mesh, protocol, record.fit, fit_watch.seconds());
-  copy_inputs(session, folder, record);
   if (record.fit.status == FitStatus::start_failed) {
     for (const std::string& failure : record.fit.failures) fmt::print(stderr, "taut: {}\n", failure);
-    fmt::print(stderr, "taut: the simulation failed at the start of the fit; change the start values, or look at the model with `taut replay`\n");
+    fmt::print(stderr,
+               "taut: the simulation failed at the start of the fit; change the start values, or look at the model "
+               "with `taut replay`\n");
     return interrupted(options) ? exit_interrupted : exit_solve;
   }
+  copy_inputs(session, folder, record);
   for (const std::string& failure : record.fit.failures) record.remarks.push_back("survived in the fit: " + failure);
 
   if (!interrupted(options)) {
@@ -277,16 +319,21 @@ int fit_command(const CommandOptions& options) {
     }
   }
   if (interrupted(options)) {
-    if (record.fit.status != FitStatus::interrupted) record.remarks.emplace_back("interrupted: later parts of the run are missing");
+    if (record.fit.status != FitStatus::interrupted)
+      record.remarks.emplace_back("interrupted: later parts of the run are missing");
     record.fit.message = "interrupted";
   }
   record.provenance.wall_seconds = watch.seconds();
   progress.show("writing " + folder);
   write_run(record, folder);
 
-  if (options.json) fmt::print("{}\n", to_json(record));
-  else print_fit(record);
-  progress.say(fmt::format("{:.1f} s, {} evaluations, {} factorisations (one cold replay: {:.2f} s, {})", record.provenance.wall_seconds, record.fit.evaluations, record.fit_factorisations, record.replay_seconds, record.replay_factorisations));
+  if (options.json)
+    fmt::print("{}\n", to_json(record));
+  else
+    print_fit(record);
+  progress.say(fmt::format("{:.1f} s, {} evaluations, {} factorisations (one cold replay: {:.2f} s, {})",
+                           record.provenance.wall_seconds, record.fit.evaluations, record.fit_factorisations,
+                           record.replay_seconds, record.replay_factorisations));
   progress.say("report: " + (fs::path(folder) / "report.html").string());
   if (interrupted(options)) return exit_interrupted;
   if (record.fit.status == FitStatus::converged) return exit_ok;
@@ -297,7 +344,8 @@ int fit_command(const CommandOptions& options) {
 int predict_command(const CommandOptions& options) {
   const RunRecord record = read_run(options.target);
   if (record.fit.covariance.size() == 0) {
-    throw InputError(fmt::format("{}: its fit has no result to predict from ({}: {}); run the fit again", options.target, name_of(record.fit.status), record.fit.message));
+    throw InputError(fmt::format("{}: its fit has no result to predict from ({}: {}); run the fit again",
+                                 options.target, name_of(record.fit.status), record.fit.message));
   }
   Experiment experiment = experiment_of_run(record, options.target);
   experiment.equilibrium.stop = options.stop;
@@ -324,13 +372,15 @@ int predict_command(const CommandOptions& options) {
     p[parameter.index] = e.value;
   }
   Progress progress(options.quiet);
-  progress.say(fmt::format("predicting {} rows with {} unknowns", rows.size(), protocol.scene().model->free_unknowns()));
+  progress.say(
+      fmt::format("predicting {} rows with {} unknowns", rows.size(), protocol.scene().model->free_unknowns()));
   const Prediction prediction = protocol.predict(p, indices_of(free));
   const Eigen::VectorXd se = standard_errors(prediction, protocol.parameters(), p, free, record.fit.covariance);
 
   Json json{{"title", record.title}, {"data", record.simulated ? "simulated" : "measured"}};
   std::string header = "line,channel";
-  for (size_t k = 0; k < record.control_ids.size(); ++k) header += "," + record.control_ids[k] + "_" + record.control_units[k];
+  for (size_t k = 0; k < record.control_ids.size(); ++k)
+    header += "," + record.control_ids[k] + "_" + record.control_units[k];
   // The curve's band is what the fit leaves open; a new reading scatters by its own noise on top.
   std::string csv = header + ",predicted_m,standard_error_m,lower95_m,upper95_m,reading_lower95_m,reading_upper95_m\n";
   for (size_t i = 0; i < trials.readings.size(); ++i) {
@@ -338,17 +388,26 @@ int predict_command(const CommandOptions& options) {
     const std::string& channel = trials.channel_ids[static_cast<size_t>(reading.channel)];
     const double value = prediction.values[bench.row_of_reading[i]], error = se[bench.row_of_reading[i]];
     const int k = record.load_control;
-    const double load = k < 0 ? 0.0 : load_in_newtons(experiment, trials.control_quantities[static_cast<size_t>(k)], reading.controls[static_cast<size_t>(k)]);
+    const double load = k < 0 ? 0.0
+                              : load_in_newtons(experiment, trials.control_quantities[static_cast<size_t>(k)],
+                                                reading.controls[static_cast<size_t>(k)]);
     const double curve = 1.96 * error, noisy = 1.96 * std::hypot(error, sigma_at(record, channel, load));
     csv += fmt::format("{},{}", reading.line, channel);
     for (double control : reading.controls) csv += fmt::format(",{:.10g}", control);
-    csv += fmt::format(",{:.8g},{:.3g},{:.8g},{:.8g},{:.8g},{:.8g}\n", value, error, value - curve, value + curve, value - noisy, value + noisy);
-    json["rows"].push_back({{"line", reading.line}, {"channel", channel}, {"controls", reading.controls}, {"predicted_m", number(value)},
-                            {"standard_error_m", number(error)}, {"interval95_m", {number(value - curve), number(value + curve)}},
+    csv += fmt::format(",{:.8g},{:.3g},{:.8g},{:.8g},{:.8g},{:.8g}\n", value, error, value - curve, value + curve,
+                       value - noisy, value + noisy);
+    json["rows"].push_back({{"line", reading.line},
+                            {"channel", channel},
+                            {"controls", reading.controls},
+                            {"predicted_m", number(value)},
+                            {"standard_error_m", number(error)},
+                            {"interval95_m", {number(value - curve), number(value + curve)}},
                             {"reading_interval95_m", {number(value - noisy), number(value + noisy)}}});
   }
-  if (options.json) fmt::print("{}\n", json.dump(2));
-  else fmt::print("{}", csv);
+  if (options.json)
+    fmt::print("{}\n", json.dump(2));
+  else
+    fmt::print("{}", csv);
   for (const std::string& failure : prediction.failures) fmt::print(stderr, "taut: {}\n", failure);
   for (const std::string& warning : warnings_after(protocol)) progress.say("warning: " + warning);
   if (interrupted(options)) return exit_interrupted;
@@ -358,8 +417,10 @@ int predict_command(const CommandOptions& options) {
 int report_command(const CommandOptions& options) {
   const RunRecord record = read_run(options.target);
   write_run(record, options.target);
-  if (options.json) fmt::print("{}\n", Json{{"report", (fs::path(options.target) / "report.html").string()}}.dump());
-  else fmt::print("{}\n", (fs::path(options.target) / "report.html").string());
+  if (options.json)
+    fmt::print("{}\n", Json{{"report", (fs::path(options.target) / "report.html").string()}}.dump());
+  else
+    fmt::print("{}\n", (fs::path(options.target) / "report.html").string());
   return exit_ok;
 }
 

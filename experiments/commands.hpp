@@ -8,25 +8,25 @@ namespace taut {
 /// Exit codes of the command `taut`.
 enum ExitCode {
   exit_ok = 0,
-  exit_internal = 1,     ///< a fault of taut's own
-  exit_input = 2,        ///< wrong usage or wrong input
-  exit_solve = 3,        ///< one or more simulations failed; what succeeded is written
-  exit_fit = 4,          ///< the fit did not converge
-  exit_interrupted = 130 ///< Ctrl-C; what was finished is written
+  exit_internal = 1,      ///< a fault of taut's own
+  exit_input = 2,         ///< wrong usage or wrong input
+  exit_solve = 3,         ///< one or more simulations failed; what succeeded is written
+  exit_fit = 4,           ///< the fit did not converge
+  exit_interrupted = 130  ///< Ctrl-C; what was finished is written
 };
 
 /// What was asked for on the command line.
 struct CommandOptions {
-  std::string target;                        ///< experiment file or run folder
-  std::string out;                           ///< run folder, "" for runs/<experiment>
-  std::string rows;                          ///< predict: CSV file of new loads
-  std::map<std::string, std::string> set;    ///< replay: parameter values that replace the nominal ones
+  std::string target;                      ///< experiment file or run folder
+  std::string out;                         ///< run folder, "" for runs/<experiment>
+  std::string rows;                        ///< predict: CSV file of new loads
+  std::map<std::string, std::string> set;  ///< replay: parameter values that replace the nominal ones
   bool json = false;
   bool quiet = false;
-  bool variants = true;                      ///< fit: also the [[fit.variant]] ones
+  bool variants = true;  ///< fit: also the [[fit.variant]] ones
   int threads = 0;
   std::string command_line;
-  const std::atomic<bool>* stop = nullptr;   ///< raised by Ctrl-C
+  const std::atomic<bool>* stop = nullptr;  ///< raised by Ctrl-C
 };
 
 /// Reads experiment, bench and model, says what was understood and what looks wrong; solves nothing.

@@ -29,21 +29,24 @@ struct Command {
 
 const std::vector<Command>& commands() {
   static const std::vector<Command> list{
-      {"check", "EXPERIMENT", "Reads an experiment and its bench, says what it understood, finds problems; solves nothing.",
+      {"check", "EXPERIMENT",
+       "Reads an experiment and its bench, says what it understood, finds problems; solves nothing.",
        "  taut check experiments/silicone_block/experiment.toml\n", taut::check_command, false, false},
       {"replay", "EXPERIMENT", "Simulates every row of the bench with given parameters: table, CSV, VTU.",
        "  taut replay experiments/silicone_block/experiment.toml\n"
        "  taut replay experiments/silicone_block/experiment.toml --set E_silicone=\"263.8 kPa\" --out /tmp/replay\n",
        taut::replay_command, true, true},
-      {"fit", "EXPERIMENT", "Fits the free parameters to the bench: run folder with report.html, figures, fit.json, predictions.csv.",
+      {"fit", "EXPERIMENT",
+       "Fits the free parameters to the bench: run folder with report.html, figures, fit.json, predictions.csv.",
        "  taut fit experiments/silicone_block/experiment.toml\n"
        "  taut fit experiments/silicone_block/experiment.toml --no-variants --json --out runs/quick\n",
        taut::fit_command, true, true},
       {"predict", "RUN_FOLDER", "Predicts at new loads with the parameters of a run, with 95 % bands.",
-       "  taut predict runs/silicone_block --rows new.csv        # new.csv: the load columns of the bench, one row per prediction\n",
+       "  taut predict runs/silicone_block --rows new.csv        # new.csv: the load columns of the bench, one row per "
+       "prediction\n",
        taut::predict_command, false, true},
-      {"report", "RUN_FOLDER", "Rebuilds figures and report of a run from its fit.json, without solving.", "  taut report runs/silicone_block\n",
-       taut::report_command, false, false},
+      {"report", "RUN_FOLDER", "Rebuilds figures and report of a run from its fit.json, without solving.",
+       "  taut report runs/silicone_block\n", taut::report_command, false, false},
   };
   return list;
 }
@@ -54,22 +57,29 @@ void print_help(std::ostream& out) {
   out << "\ncommands:\n";
   for (const Command& command : commands()) out << fmt::format("  {:<8} {}\n", command.name, command.summary);
   out << "\n`taut COMMAND --help` tells a command's options. Data go to stdout, progress to stderr.\n"
-         "exit codes: 0 done, 1 internal fault, 2 wrong usage or input, 3 a simulation failed, 4 the fit did not converge, 130 interrupted\n";
+         "exit codes: 0 done, 1 internal fault, 2 wrong usage or input, 3 a simulation failed, 4 the fit did not "
+         "converge, 130 interrupted\n";
 }
 
-po::options_description options_of(const Command& command, taut::CommandOptions& options, std::vector<std::string>& settings) {
+po::options_description options_of(const Command& command, taut::CommandOptions& options,
+                                   std::vector<std::string>& settings) {
   po::options_description description("options");
   auto add = description.add_options();
   add("help,h", "this text");
   add("json", po::bool_switch(&options.json), "print the result as JSON");
   add("quiet,q", po::bool_switch(&options.quiet), "no progress on stderr");
-  if (command.out) add("out", po::value(&options.out)->value_name("DIR"), "run folder; default: runs/<name of the experiment's folder>");
-  if (command.threads) add("threads", po::value(&options.threads)->value_name("N"), "states solved at the same time; default: all cores");
+  if (command.out)
+    add("out", po::value(&options.out)->value_name("DIR"),
+        "run folder; default: runs/<name of the experiment's folder>");
+  if (command.threads)
+    add("threads", po::value(&options.threads)->value_name("N"), "states solved at the same time; default: all cores");
   if (command.name == "replay") {
-    add("set", po::value(&settings)->value_name("ID=VALUE")->composing(), "a parameter instead of the file's value, with its unit");
+    add("set", po::value(&settings)->value_name("ID=VALUE")->composing(),
+        "a parameter instead of the file's value, with its unit");
   }
   if (command.name == "fit") add("no-variants", "leave out the refits with other meshes");
-  if (command.name == "predict") add("rows", po::value(&options.rows)->value_name("FILE"), "CSV file with the load columns of the bench (required)");
+  if (command.name == "predict")
+    add("rows", po::value(&options.rows)->value_name("FILE"), "CSV file with the load columns of the bench (required)");
   return description;
 }
 
@@ -90,7 +100,8 @@ int run(int argc, char** argv) {
     taut::CommandOptions options;
     options.stop = &stop_requested;
     options.command_line = "taut";
-    for (const std::string& argument : arguments) options.command_line += argument.find(' ') == std::string::npos ? " " + argument : " '" + argument + "'";
+    for (const std::string& argument : arguments)
+      options.command_line += argument.find(' ') == std::string::npos ? " " + argument : " '" + argument + "'";
     std::vector<std::string> settings;
     po::options_description visible = options_of(command, options, settings), all;
     all.add(visible).add_options()("target", po::value(&options.target));
@@ -102,21 +113,30 @@ int run(int argc, char** argv) {
               values);
     po::notify(values);
     if (values.count("help") != 0) {
-      std::cout << command.summary << "\n\nexamples:\n" << command.examples << "\nusage: taut " << command.name << " " << command.argument << " [options]\n\n" << visible;
+      std::cout << command.summary << "\n\nexamples:\n"
+                << command.examples << "\nusage: taut " << command.name << " " << command.argument << " [options]\n\n"
+                << visible;
       return taut::exit_ok;
     }
-    if (options.target.empty()) throw taut::InputError(fmt::format("taut {0}: {1} is missing; usage: taut {0} {1} [options]", command.name, command.argument));
-    if (options.threads < 0 || options.threads > 1024) throw taut::InputError("--threads: a whole number from 1 to 1024 belongs here");
-    if (command.name == "predict" && options.rows.empty()) throw taut::InputError("taut predict: --rows FILE is missing; give a CSV file with the load columns of the bench");
+    if (options.target.empty())
+      throw taut::InputError(
+          fmt::format("taut {0}: {1} is missing; usage: taut {0} {1} [options]", command.name, command.argument));
+    if (options.threads < 0 || options.threads > 1024)
+      throw taut::InputError("--threads: a whole number from 1 to 1024 belongs here");
+    if (command.name == "predict" && options.rows.empty())
+      throw taut::InputError(
+          "taut predict: --rows FILE is missing; give a CSV file with the load columns of the bench");
     for (const std::string& setting : settings) {
       const size_t equals = setting.find('=');
-      if (equals == std::string::npos || equals == 0) throw taut::InputError(fmt::format("--set {}: write ID=VALUE, for example --set E_foam=\"50 kPa\"", setting));
+      if (equals == std::string::npos || equals == 0)
+        throw taut::InputError(fmt::format("--set {}: write ID=VALUE, for example --set E_foam=\"50 kPa\"", setting));
       options.set[setting.substr(0, equals)] = setting.substr(equals + 1);
     }
     options.variants = values.count("no-variants") == 0;
     return command.run(options);
   }
-  throw taut::InputError(fmt::format("unknown command '{}'{}; commands: {}", arguments[0], taut::did_you_mean(arguments[0], names), taut::join(names)));
+  throw taut::InputError(fmt::format("unknown command '{}'{}; commands: {}", arguments[0],
+                                     taut::did_you_mean(arguments[0], names), taut::join(names)));
 }
 
 }  // namespace

@@ -44,7 +44,9 @@ Session open_session(const CommandOptions& options) {
 }
 
 Progress::Progress(bool quiet) : quiet_(quiet), terminal_(isatty(STDERR_FILENO) != 0) {}
-Progress::~Progress() { clear(); }
+Progress::~Progress() {
+  clear();
+}
 
 void Progress::clear() {
   if (shown_) std::fputs("\r\033[K", stderr);
@@ -78,29 +80,42 @@ std::vector<std::pair<std::string, std::string>> describe_setup(const Session& s
   lines.emplace_back("data", e.simulated ? "simulated" : "measured");
   std::string geometry = e.geometry.kind;
   if (!e.geometry.size.empty()) geometry += " of " + list_of(e.geometry.size, "m");
-  if (e.geometry.dimension == 2) geometry += fmt::format(", plane {}, {} thick", e.geometry.plane == Plane::strain ? "strain" : "stress", with_unit(e.geometry.thickness, "m"));
+  if (e.geometry.dimension == 2)
+    geometry += fmt::format(", plane {}, {} thick", e.geometry.plane == Plane::strain ? "strain" : "stress",
+                            with_unit(e.geometry.thickness, "m"));
   lines.emplace_back("geometry", geometry);
-  lines.emplace_back("mesh", fmt::format("{}: {} nodes, {} elements, {} unknowns", e.mesh.describe(), model.mesh().node_count(), model.mesh().element_count(), model.free_unknowns()));
+  lines.emplace_back("mesh",
+                     fmt::format("{}: {} nodes, {} elements, {} unknowns", e.mesh.describe(), model.mesh().node_count(),
+                                 model.mesh().element_count(), model.free_unknowns()));
   for (const MaterialSettings& material : e.materials) {
     std::string text = material.law;
-    for (const auto& [id, value] : material.constants) text += fmt::format(", {} = {}", id, with_unit(value, id == "E" ? "Pa" : "1"));
+    for (const auto& [id, value] : material.constants)
+      text += fmt::format(", {} = {}", id, with_unit(value, id == "E" ? "Pa" : "1"));
     if (material.density) text += fmt::format(", density = {}", with_unit(*material.density, "kg/m3"));
     lines.emplace_back("material " + material.region, text);
   }
   for (const SupportSettings& support : e.supports) {
     std::string text;
     for (int component : support.fix) text += fmt::format("{}{}", text.empty() ? "fixed in " : ", ", "xyz"[component]);
-    if (!support.control.empty()) text += fmt::format("{}moved in {} by column '{}'", text.empty() ? "" : "; ", "xyz"[support.component], support.column);
+    if (!support.control.empty())
+      text += fmt::format("{}moved in {} by column '{}'", text.empty() ? "" : "; ", "xyz"[support.component],
+                          support.column);
     lines.emplace_back("support " + support.on, text);
   }
-  if (!e.gravity_direction.empty()) lines.emplace_back("self-weight", fmt::format("g = {}", with_unit(e.gravity, "m/s2", 6)));
+  if (!e.gravity_direction.empty())
+    lines.emplace_back("self-weight", fmt::format("g = {}", with_unit(e.gravity, "m/s2", 6)));
   for (const LoadSettings& load : e.loads) {
     const std::string place = load.on.empty() ? "point (" + list_of(load.point, "m") + ")" : load.on;
-    lines.emplace_back("load " + load.id, fmt::format("{} on {}, {}", name_of(load.quantity), place, load.column.empty() ? "constant " + fmt::format("{:.6g} (SI)", load.value) : "column '" + load.column + "'"));
+    lines.emplace_back("load " + load.id,
+                       fmt::format("{} on {}, {}", name_of(load.quantity), place,
+                                   load.column.empty() ? "constant " + fmt::format("{:.6g} (SI)", load.value)
+                                                       : "column '" + load.column + "'"));
   }
   for (const ChannelSettings& channel : e.channels) {
-    std::string text = channel.on.empty() ? "displacement of point (" + list_of(channel.point, "m") + ")" : "mean displacement of " + channel.on;
-    if (!channel.standoff.empty()) text += fmt::format(", marker {} off it, turning with {}", list_of(channel.standoff, "m"), channel.turns_with);
+    std::string text = channel.on.empty() ? "displacement of point (" + list_of(channel.point, "m") + ")"
+                                          : "mean displacement of " + channel.on;
+    if (!channel.standoff.empty())
+      text += fmt::format(", marker {} off it, turning with {}", list_of(channel.standoff, "m"), channel.turns_with);
     lines.emplace_back("channel " + channel.id, text);
   }
   lines.emplace_back("measured from", e.from_unloaded ? "the unloaded equilibrium" : "the rest shape");
@@ -113,13 +128,19 @@ std::vector<std::string> warnings_before(const Session& session) {
   const Experiment& e = session.experiment;
   for (const MaterialSettings& material : e.materials) {
     const auto nu = material.constants.find("nu");
-    const bool locks = e.mesh.formulation == Formulation::standard && !(e.geometry.dimension == 2 && e.geometry.plane == Plane::stress);
+    const bool locks = e.mesh.formulation == Formulation::standard &&
+                       !(e.geometry.dimension == 2 && e.geometry.plane == Plane::stress);
     if (nu != material.constants.end() && nu->second > 0.45 && locks) {
-      warnings.push_back(fmt::format("{}: nu = {} with {} elements locks: the model is too stiff and a fitted modulus too small; set formulation = \"locking_free\" with quadratic elements",
-                                     material.region, nu->second, e.mesh.order == 1 ? "linear" : "plain quadratic"));
+      warnings.push_back(
+          fmt::format("{}: nu = {} with {} elements locks: the model is too stiff and a fitted modulus too small; set "
+                      "formulation = \"locking_free\" with quadratic elements",
+                      material.region, nu->second, e.mesh.order == 1 ? "linear" : "plain quadratic"));
     }
   }
-  if (e.mesh.order == 1) warnings.emplace_back("linear elements bend too stiffly: a fitted modulus is too small by some per cent; compare with element = \"quadratic\"");
+  if (e.mesh.order == 1)
+    warnings.emplace_back(
+        "linear elements bend too stiffly: a fitted modulus is too small by some per cent; compare with element = "
+        "\"quadratic\"");
   return warnings;
 }
 
@@ -129,9 +150,16 @@ std::vector<std::string> warnings_after(const StaticProtocol& protocol) {
     if (condition.report.status != SolveStatus::converged) continue;
     std::string where;
     for (double value : condition.controls) where += fmt::format("{}{:.6g}", where.empty() ? "" : ", ", value);
-    if (condition.report.left_saddle) warnings.push_back(fmt::format("at controls ({}) the straight path became unstable (buckling); the equilibrium on the side of lower energy was taken", where));
+    if (condition.report.left_saddle)
+      warnings.push_back(
+          fmt::format("at controls ({}) the straight path became unstable (buckling); the equilibrium on the side of "
+                      "lower energy was taken",
+                      where));
     if (condition.smallest_jacobian <= 0) {
-      warnings.push_back(fmt::format("at controls ({}) an element has folded between its quadrature points (smallest J = {:.2g}): do not trust the state near it; refine there or lower the load", where, condition.smallest_jacobian));
+      warnings.push_back(
+          fmt::format("at controls ({}) an element has folded between its quadrature points (smallest J = {:.2g}): do "
+                      "not trust the state near it; refine there or lower the load",
+                      where, condition.smallest_jacobian));
     }
   }
   return warnings;
@@ -141,7 +169,8 @@ std::string describe_controls(const Session& session, const std::vector<double>&
   if (controls.empty()) return "no load";
   std::string text;
   for (size_t k = 0; k < controls.size(); ++k) {
-    text += fmt::format("{}{} = {}", k == 0 ? "" : ", ", session.trials.control_ids[k], control_text(session, k, controls[k]));
+    text += fmt::format("{}{} = {}", k == 0 ? "" : ", ", session.trials.control_ids[k],
+                        control_text(session, k, controls[k]));
   }
   return text;
 }
@@ -167,7 +196,9 @@ std::string series_of(const Session& session, const std::vector<double>& control
     if (static_cast<int>(k) == load_control(session)) continue;
     std::set<double> values;
     for (const Reading& reading : session.trials.readings) values.insert(reading.controls[k]);
-    if (values.size() > 1) text += fmt::format("{}{} {}", text.empty() ? "" : ", ", session.trials.control_ids[k], control_text(session, k, controls[k]));
+    if (values.size() > 1)
+      text += fmt::format("{}{} {}", text.empty() ? "" : ", ", session.trials.control_ids[k],
+                          control_text(session, k, controls[k]));
   }
   return text;
 }
@@ -182,7 +213,8 @@ RunRecord start_record(const Session& session, const CommandOptions& options) {
   record.parameter_ids = protocol.parameters().ids();
   for (int control : protocol.controls()) record.control_units.push_back(protocol.parameters()[control].unit);
   record.load_control = load_control(session);
-  record.load_label = record.load_control < 0 ? "load" : session.trials.control_ids[static_cast<size_t>(record.load_control)];
+  record.load_label =
+      record.load_control < 0 ? "load" : session.trials.control_ids[static_cast<size_t>(record.load_control)];
   for (const Reading& reading : session.trials.readings) {
     ReadingRecord line;
     line.line = reading.line;
@@ -194,13 +226,17 @@ RunRecord start_record(const Session& session, const CommandOptions& options) {
     line.predicted = line.prediction_se = std::nan("");
     record.readings.push_back(line);
     const size_t k = static_cast<size_t>(std::max(0, record.load_control));
-    record.load_newtons.push_back(record.load_control < 0 ? 0.0 : load_in_newtons(session.experiment, session.trials.control_quantities[k], reading.controls[k]));
+    record.load_newtons.push_back(
+        record.load_control < 0
+            ? 0.0
+            : load_in_newtons(session.experiment, session.trials.control_quantities[k], reading.controls[k]));
     record.series.push_back(series_of(session, reading.controls));
   }
   record.remarks = warnings_before(session);
   for (const ReferenceValue& reference : session.experiment.references) {
     const int index = protocol.parameters().index(reference.parameter);
-    const double value = parse_quantity(reference.value.text, quantity_of_si_unit(protocol.parameters()[index].unit), reference.value.where);
+    const double value = parse_quantity(reference.value.text, quantity_of_si_unit(protocol.parameters()[index].unit),
+                                        reference.value.where);
     record.references.push_back({reference.parameter, value, reference.source});
   }
   record.provenance.version = version();
@@ -212,7 +248,8 @@ RunRecord start_record(const Session& session, const CommandOptions& options) {
   return record;
 }
 
-std::vector<CurveRecord> make_curves(const Session& session, const Params& p, const std::vector<FreeParameter>& free, const Eigen::MatrixXd& covariance) {
+std::vector<CurveRecord> make_curves(const Session& session, const Params& p, const std::vector<FreeParameter>& free,
+                                     const Eigen::MatrixXd& covariance) {
   const int load = load_control(session);
   if (load < 0) return {};
   const size_t k = static_cast<size_t>(load);
@@ -252,7 +289,8 @@ std::vector<CurveRecord> make_curves(const Session& session, const Params& p, co
   Prediction increments = prediction;
   for (size_t reading = 0; reading < grid.readings.size(); ++reading) {
     const int row = bench.row_of_reading[reading], start = bench.row_of_reading[reading - reading % points];
-    if (increments.derivatives.size() > 0) increments.derivatives.row(row) = prediction.derivatives.row(row) - prediction.derivatives.row(start);
+    if (increments.derivatives.size() > 0)
+      increments.derivatives.row(row) = prediction.derivatives.row(row) - prediction.derivatives.row(start);
   }
   const Eigen::VectorXd increment_se = standard_errors(increments, bench.protocol->parameters(), p, free, covariance);
   size_t reading = 0;
@@ -271,8 +309,11 @@ std::vector<ShapeRecord> make_shapes(const Session& session, const std::string& 
   const Mesh& mesh = session.bench.protocol->scene().model->mesh();
   const Experiment& e = session.experiment;
   const int d = mesh.dimension();
-  // The drawing plane: vertical is where gravity or the first load points, horizontal is the longest of the other directions.
-  const std::vector<double> down = !e.gravity_direction.empty() ? e.gravity_direction : !e.loads.empty() ? e.loads.front().direction : std::vector<double>(static_cast<size_t>(d), 0.0);
+  // The drawing plane: vertical is where gravity or the first load points, horizontal is the longest of the other
+  // directions.
+  const std::vector<double> down = !e.gravity_direction.empty() ? e.gravity_direction
+                                   : !e.loads.empty()           ? e.loads.front().direction
+                                                                : std::vector<double>(static_cast<size_t>(d), 0.0);
   Eigen::VectorXd lower = Eigen::VectorXd::Constant(d, 1e300), upper = -lower;
   for (int i = 0; i < mesh.node_count(); ++i) {
     lower = lower.cwiseMin(mesh.node(i));
@@ -284,7 +325,8 @@ std::vector<ShapeRecord> make_shapes(const Session& session, const std::string& 
   }
   int horizontal = -1;
   for (int i = 0; i < d; ++i) {
-    if (i != vertical && (horizontal < 0 || upper[i] - lower[i] > upper[horizontal] - lower[horizontal])) horizontal = i;
+    if (i != vertical && (horizontal < 0 || upper[i] - lower[i] > upper[horizontal] - lower[horizontal]))
+      horizontal = i;
   }
   if (d == 2) {
     horizontal = 0;
@@ -293,7 +335,8 @@ std::vector<ShapeRecord> make_shapes(const Session& session, const std::string& 
   axes[0] = "xyz"[horizontal];
   axes[1] = "xyz"[vertical];
 
-  // Lines: in 2D the boundary, in 3D the outline of the faces that look at the viewer (an edge between two of them is inside).
+  // Lines: in 2D the boundary, in 3D the outline of the faces that look at the viewer (an edge between two of them is
+  // inside).
   const Tag facets = boundary(mesh);
   std::map<std::array<int, 2>, int> uses;  // line to the number of facets that have it
   for (int f = 0; f < facets.count(); ++f) {

@@ -51,7 +51,8 @@ RunRecord start_record(const Session& session, const CommandOptions& options);
 
 /// Curves of all channels and series over the load, from zero to its largest value, with the fit's covariance.
 /// `free` and `covariance` may be empty (no band).
-std::vector<CurveRecord> make_curves(const Session& session, const Params& p, const std::vector<FreeParameter>& free, const Eigen::MatrixXd& covariance);
+std::vector<CurveRecord> make_curves(const Session& session, const Params& p, const std::vector<FreeParameter>& free,
+                                     const Eigen::MatrixXd& covariance);
 
 /// Side views of all solved conditions, and writes their states as VTU and PVD into `folder`/states.
 std::vector<ShapeRecord> make_shapes(const Session& session, const std::string& folder, std::string axes[2]);

@@ -13,8 +13,12 @@
 
 namespace taut {
 
-std::string version() { return TAUT_VERSION; }
-std::string commit() { return TAUT_COMMIT; }
+std::string version() {
+  return TAUT_VERSION;
+}
+std::string commit() {
+  return TAUT_COMMIT;
+}
 
 std::vector<std::pair<std::string, std::string>> library_versions() {
   return {{"Eigen", fmt::format("{}.{}.{}", EIGEN_WORLD_VERSION, EIGEN_MAJOR_VERSION, EIGEN_MINOR_VERSION)},
@@ -35,7 +39,8 @@ std::string machine_description() {
   }
   utsname system{};
   uname(&system);
-  return fmt::format("{}, {} cores, {} {}", processor, std::thread::hardware_concurrency(), system.sysname, system.machine);
+  return fmt::format("{}, {} cores, {} {}", processor, std::thread::hardware_concurrency(), system.sysname,
+                     system.machine);
 }
 
 std::string utc_now() {

@@ -327,9 +327,9 @@ ParameterEstimate read_parameter(const Entry& entry, const Entry& scale) {
   estimate.standard_error = entry.at("standard_error").number();
   estimate.lower95 = entry.at("interval95").at(0, 2).optional();
   estimate.upper95 = entry.at("interval95").at(1, 2).optional();
-  estimate.verdict =
-      entry.at("verdict").one_of<Verdict>({Verdict::well_determined, Verdict::weakly_determined,
-                                           Verdict::bounded_from_one_side, Verdict::tied, Verdict::invisible});
+  estimate.verdict = entry.at("verdict").one_of<Verdict>({Verdict::well_determined, Verdict::weakly_determined,
+                                                          Verdict::bounded_from_one_side, Verdict::tied,
+                                                          Verdict::invisible, Verdict::unknown});
   estimate.explanation = entry.at("explanation").text();
   estimate.start = entry.at("start").number();
   estimate.lower = entry.at("bounds").at(0, 2).number(-kInfinity);

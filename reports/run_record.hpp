@@ -11,13 +11,13 @@ namespace taut {
 
 /// Where a result comes from, so that it can be made again.
 struct Provenance {
-  std::string version, commit;                                  ///< of taut
-  std::vector<std::pair<std::string, std::string>> libraries;   ///< name, version
+  std::string version, commit;                                 ///< of taut
+  std::vector<std::pair<std::string, std::string>> libraries;  ///< name, version
   std::string command_line;
-  std::vector<std::pair<std::string, std::string>> inputs;      ///< path as given, SHA-256
-  std::string started;                                          ///< UTC, ISO 8601
-  std::string machine;                                          ///< processor, cores, system
-  unsigned seed = 0;                                            ///< nothing in a fit is random; 0 says so
+  std::vector<std::pair<std::string, std::string>> inputs;  ///< path as given, SHA-256
+  std::string started;                                      ///< UTC, ISO 8601
+  std::string machine;                                      ///< processor, cores, system
+  unsigned seed = 0;                                        ///< nothing in a fit is random; 0 says so
   double wall_seconds = 0;
 };
 
@@ -25,30 +25,30 @@ struct Provenance {
 struct ReadingRecord {
   int line = 0;
   std::string trial, channel;
-  std::vector<double> controls;  ///< SI
+  std::vector<double> controls;                                      ///< SI
   double measured = 0, sigma = 0, predicted = 0, prediction_se = 0;  ///< SI
 };
 
 /// The fitted curve of one channel over the load, everything else held: for the figures.
 struct CurveRecord {
   std::string channel;
-  std::string series;          ///< what is held ("retraction 5.89 mm"), "" when there is only one series
-  std::vector<double> load;    ///< force [N]
-  std::vector<double> value, se;  ///< predicted displacement and standard error of the curve [m]
+  std::string series;                     ///< what is held ("retraction 5.89 mm"), "" when there is only one series
+  std::vector<double> load;               ///< force [N]
+  std::vector<double> value, se;          ///< predicted displacement and standard error of the curve [m]
   std::vector<double> increment_se = {};  ///< standard error of value - value at zero load [m]; empty: not known
 };
 
 /// Side view of the deformed specimen in one condition.
 struct ShapeRecord {
-  std::string label;                                      ///< "0.51 N"
-  std::vector<std::array<double, 4>> segments;            ///< boundary lines x0 y0 x1 y1 in the drawing plane [m]
+  std::string label;                            ///< "0.51 N"
+  std::vector<std::array<double, 4>> segments;  ///< boundary lines x0 y0 x1 y1 in the drawing plane [m]
 };
 
 /// A refit with another element or mesh.
 struct VariantRecord {
-  std::string name, mesh;      ///< its name, "quadratic, locking-free, 14 x 5 x 5 cells"
+  std::string name, mesh;  ///< its name, "quadratic, locking-free, 14 x 5 x 5 cells"
   int unknowns = 0;
-  std::string status;          ///< of its fit
+  std::string status;                           ///< of its fit
   std::vector<double> values, standard_errors;  ///< per free parameter, SI
   double chi_squared = 0, seconds = 0;
 };
@@ -59,30 +59,30 @@ struct ReferenceRecord {
   std::string source;
 };
 
-/// Everything that a run found, as plain data: written to fit.json, read back by `taut report` and `taut predict`. Figures
-/// and report.html are functions of this record alone.
+/// Everything that a run found, as plain data: written to fit.json, read back by `taut report` and `taut predict`.
+/// Figures and report.html are functions of this record alone.
 struct RunRecord {
   std::string title;
-  bool simulated = false;                 ///< the readings were simulated, not measured
-  std::string experiment_file;            ///< its copy in the run folder
-  std::string data_file;                  ///< its copy in the run folder
+  bool simulated = false;                                  ///< the readings were simulated, not measured
+  std::string experiment_file;                             ///< its copy in the run folder
+  std::string data_file;                                   ///< its copy in the run folder
   std::vector<std::pair<std::string, std::string>> setup;  ///< "mesh", "quadratic ..." lines for the report
-  std::vector<std::string> control_ids, control_units;      ///< SI units
-  std::string load_label;                 ///< "load", for axes
-  int load_control = -1;                  ///< index among the controls of the load that the figures are drawn over
-  std::vector<double> load_newtons;       ///< per reading: the load as a force [N]
-  std::vector<std::string> series;        ///< per reading: as CurveRecord::series
-  std::vector<std::string> parameter_ids; ///< of fit.p, in its order
-  FitResult fit;                          ///< fit.parameters, statistics; fit.predicted etc. are per protocol row and not stored
+  std::vector<std::string> control_ids, control_units;     ///< SI units
+  std::string load_label;                                  ///< "load", for axes
+  int load_control = -1;                   ///< index among the controls of the load that the figures are drawn over
+  std::vector<double> load_newtons;        ///< per reading: the load as a force [N]
+  std::vector<std::string> series;         ///< per reading: as CurveRecord::series
+  std::vector<std::string> parameter_ids;  ///< of fit.p, in its order
+  FitResult fit;  ///< fit.parameters, statistics; fit.predicted etc. are per protocol row and not stored
   std::vector<ReadingRecord> readings;
   std::vector<CurveRecord> curves;
   std::vector<ShapeRecord> shapes;
-  std::string shape_axes[2];              ///< "x", "z"
-  VariantRecord main;                     ///< the fit itself, as a row of the table of variants
+  std::string shape_axes[2];  ///< "x", "z"
+  VariantRecord main;         ///< the fit itself, as a row of the table of variants
   std::vector<VariantRecord> variants;
   std::vector<ReferenceRecord> references;
-  std::vector<std::string> remarks;       ///< what a reader must know: data recognised, folded elements, failures
-  double replay_seconds = 0;              ///< one cold replay of all rows
+  std::vector<std::string> remarks;  ///< what a reader must know: data recognised, folded elements, failures
+  double replay_seconds = 0;         ///< one cold replay of all rows
   int replay_factorisations = 0, fit_factorisations = 0;
   Provenance provenance;
 };
@@ -92,8 +92,9 @@ void write_file(const std::string& path, const std::string& text);
 std::string read_file(const std::string& path);  ///< InputError when it cannot be read
 std::string sha256_of(const std::string& path);
 
-/// fit.json, schema in README: `schema`, `parameters` (a list of id, value, unit, standard_error, interval95 as [lower, upper]
-/// with null for an open end, verdict, ...), `fit`, `readings`, `curves`, `variants`, `provenance`. SI units; NaN is null.
+/// fit.json, schema in README: `schema`, `parameters` (a list of id, value, unit, standard_error, interval95 as [lower,
+/// upper] with null for an open end, verdict, ...), `fit`, `readings`, `curves`, `variants`, `provenance`. SI units;
+/// NaN is null.
 std::string to_json(const RunRecord& record);
 /// The reverse. Throws InputError naming path and key when the file is not a fit.json of this schema.
 RunRecord read_run(const std::string& folder);

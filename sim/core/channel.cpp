@@ -18,13 +18,16 @@ class LinearChannel final : public Channel {
   Eigen::VectorXd weights_;
 };
 
-/// Treats 2D as 3D with zero third components: there the rotation is about the third axis, which a third, unit moment of the
-/// patch about its own plane keeps well defined.
+/// Treats 2D as 3D with zero third components: there the rotation is about the third axis, which a third, unit moment
+/// of the patch about its own plane keeps well defined.
 class MarkerChannel final : public Channel {
  public:
   MarkerChannel(const Mesh& mesh, const MaterialPoint& foot, const Eigen::VectorXd& standoff, const Tag& patch,
                 const Eigen::VectorXd& direction)
-      : dimension_(mesh.dimension()), foot_(point_weights(mesh, foot, direction)), standoff_(lift(standoff)), direction_(lift(direction).normalized()) {
+      : dimension_(mesh.dimension()),
+        foot_(point_weights(mesh, foot, direction)),
+        standoff_(lift(standoff)),
+        direction_(lift(direction).normalized()) {
     nodes_ = patch.nodes();
     // A node's share of the patch; quadratic faces have none at vertices, which is as good a sample of the rotation.
     const Eigen::VectorXd share = mean_weights(mesh, patch, Eigen::VectorXd::Unit(dimension_, 0));
@@ -42,7 +45,9 @@ class MarkerChannel final : public Channel {
     moment_ = moment;
     const Eigen::Vector3d spread = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(moment).eigenvalues();
     if (!(spread[1] > 1e-12 * mesh.diagonal() * mesh.diagonal())) {
-      throw InputError("a marker needs a patch that has a rotation, not a single point or (in 3D) a straight line; name a face as its 'turns_with'");
+      throw InputError(
+          "a marker needs a patch that has a rotation, not a single point or (in 3D) a straight line; name a face as "
+          "its 'turns_with'");
     }
   }
 
@@ -56,7 +61,8 @@ class MarkerChannel final : public Channel {
     const Eigen::Matrix3d G = S.trace() * Eigen::Matrix3d::Identity() - 0.5 * (S + S.transpose());
     const Eigen::Vector3d lever = G.inverse() * standoff_.cross(R.transpose() * direction_);
     Eigen::VectorXd gradient = foot_;
-    // dA = sum_i share_i du_i arm_i^T, because the arms' weighted sum is zero. axial(R^T dA - ...) = sum share_i arm_i x R^T du_i
+    // dA = sum_i share_i du_i arm_i^T, because the arms' weighted sum is zero. axial(R^T dA - ...) = sum share_i arm_i
+    // x R^T du_i
     for (size_t i = 0; i < nodes_.size(); ++i) {
       const Eigen::Vector3d g = shares_[i] * (R * lever.cross(arms_[i]));
       gradient.segment(static_cast<Eigen::Index>(nodes_[i]) * dimension_, dimension_) += g.head(dimension_);
@@ -74,7 +80,8 @@ class MarkerChannel final : public Channel {
   Eigen::Matrix3d shape(const Eigen::VectorXd& u) const {
     Eigen::Matrix3d A = moment_;
     for (size_t i = 0; i < nodes_.size(); ++i) {
-      A += shares_[i] * lift(u.segment(static_cast<Eigen::Index>(nodes_[i]) * dimension_, dimension_)) * arms_[i].transpose();
+      A += shares_[i] * lift(u.segment(static_cast<Eigen::Index>(nodes_[i]) * dimension_, dimension_)) *
+           arms_[i].transpose();
     }
     return A;
   }
@@ -98,10 +105,13 @@ class MarkerChannel final : public Channel {
 
 }  // namespace
 
-std::unique_ptr<Channel> make_linear_channel(Eigen::VectorXd weights) { return std::make_unique<LinearChannel>(std::move(weights)); }
+std::unique_ptr<Channel> make_linear_channel(Eigen::VectorXd weights) {
+  return std::make_unique<LinearChannel>(std::move(weights));
+}
 
-std::unique_ptr<Channel> make_marker_channel(const Mesh& mesh, const MaterialPoint& foot, const Eigen::VectorXd& standoff,
-                                             const Tag& patch, const Eigen::VectorXd& direction) {
+std::unique_ptr<Channel> make_marker_channel(const Mesh& mesh, const MaterialPoint& foot,
+                                             const Eigen::VectorXd& standoff, const Tag& patch,
+                                             const Eigen::VectorXd& direction) {
   return std::make_unique<MarkerChannel>(mesh, foot, standoff, patch, direction);
 }
 

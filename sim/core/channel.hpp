@@ -21,12 +21,14 @@ std::unique_ptr<Channel> make_linear_channel(Eigen::VectorXd weights);
 /// Displacement in `direction` (normalised here; its sense is the sign) of a marker that stands `standoff` [m] off the
 /// material point `foot` and turns with the patch `tag`:
 ///
-///   y = direction . ( u(foot) + (R - I) standoff ),   R = the rotation of the polar decomposition of sum_i w_i (x_i - x_c)(X_i - X_c)^T
+///   y = direction . ( u(foot) + (R - I) standoff ),   R = the rotation of the polar decomposition of sum_i w_i (x_i -
+///   x_c)(X_i - X_c)^T
 ///
-/// over the patch's nodes, w_i their shares of the patch, c its weighted centre. A patch rather than the rotation at one
-/// point, because beside a line load the latter depends on the mesh. Throws InputError when the patch does not define a
-/// rotation (nodes on one point; in 3D, on one line).
-std::unique_ptr<Channel> make_marker_channel(const Mesh& mesh, const MaterialPoint& foot, const Eigen::VectorXd& standoff,
-                                             const Tag& patch, const Eigen::VectorXd& direction);
+/// over the patch's nodes, w_i their shares of the patch, c its weighted centre. A patch rather than the rotation at
+/// one point, because beside a line load the latter depends on the mesh. Throws InputError when the patch does not
+/// define a rotation (nodes on one point; in 3D, on one line).
+std::unique_ptr<Channel> make_marker_channel(const Mesh& mesh, const MaterialPoint& foot,
+                                             const Eigen::VectorXd& standoff, const Tag& patch,
+                                             const Eigen::VectorXd& direction);
 
 }  // namespace taut

@@ -5,8 +5,12 @@
 
 namespace taut {
 
-Model::Model(Mesh mesh, ParameterTable parameters, std::vector<std::unique_ptr<Term>> terms, std::vector<Support> supports)
-    : mesh_(std::move(mesh)), parameters_(std::move(parameters)), terms_(std::move(terms)), supports_(std::move(supports)) {
+Model::Model(Mesh mesh, ParameterTable parameters, std::vector<std::unique_ptr<Term>> terms,
+             std::vector<Support> supports)
+    : mesh_(std::move(mesh)),
+      parameters_(std::move(parameters)),
+      terms_(std::move(terms)),
+      supports_(std::move(supports)) {
   length_scale_ = mesh_.diagonal();
   std::vector<bool> fixed(static_cast<size_t>(unknowns()), false);
   for (const Support& support : supports_) {
@@ -77,7 +81,8 @@ void Model::build_pattern() {
       const int* node = list.begin(c);
       const int n = list.size(c) * d;
       for (int r = 0; r < n; ++r) {
-        for (int k = 0; k <= r; ++k) slots.slots.push_back(slot_of(free_of(node[r / d], r % d), free_of(node[k / d], k % d)));
+        for (int k = 0; k <= r; ++k)
+          slots.slots.push_back(slot_of(free_of(node[r / d], r % d), free_of(node[k / d], k % d)));
       }
       slots.offsets.push_back(slots.slots.size());
     }
@@ -114,7 +119,8 @@ Eigen::VectorXd Model::hessian_times(const Point& at, const Eigen::VectorXd& dir
 }
 
 void Model::impose_supports(const Params& p, Eigen::VectorXd& u) const {
-  for (const Support& support : supports_) u[support.dof] = support.parameter < 0 ? 0.0 : support.coefficient * p[support.parameter];
+  for (const Support& support : supports_)
+    u[support.dof] = support.parameter < 0 ? 0.0 : support.coefficient * p[support.parameter];
 }
 
 bool Model::support_moves(const Params& a, const Params& b) const {

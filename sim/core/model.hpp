@@ -10,8 +10,8 @@ namespace taut {
 
 /// A prescribed displacement component: u[dof] = coefficient * p[parameter], or 0 when there is no parameter.
 struct Support {
-  int dof = 0;            ///< node * dimension + component
-  int parameter = -1;     ///< index into the table, -1 for a clamp
+  int dof = 0;         ///< node * dimension + component
+  int parameter = -1;  ///< index into the table, -1 for a clamp
   double coefficient = 0;
 };
 

@@ -18,7 +18,8 @@ int ParameterTable::index(std::string_view id) const {
   for (int i = 0; i < size(); ++i) {
     if ((*this)[i].id == id) return i;
   }
-  throw InputError(fmt::format("unknown parameter '{}'{}; the model has: {}", id, did_you_mean(id, ids()), join(ids())));
+  throw InputError(
+      fmt::format("unknown parameter '{}'{}; the model has: {}", id, did_you_mean(id, ids()), join(ids())));
 }
 
 bool ParameterTable::contains(std::string_view id) const {

@@ -10,13 +10,14 @@ namespace taut {
 /// What a number of a model is, declared once, next to the energy that uses it. Bounds, help texts, checks and
 /// tables all come from here.
 struct ParameterSpec {
-  std::string id;       ///< unique in a model, e.g. "E_silicone"
-  std::string symbol;   ///< as in formulas, e.g. "E"
-  std::string unit;     ///< SI, e.g. "Pa"; "1" for a pure number
+  std::string id;                                           ///< unique in a model, e.g. "E_silicone"
+  std::string symbol;                                       ///< as in formulas, e.g. "E"
+  std::string unit;                                         ///< SI, e.g. "Pa"; "1" for a pure number
   double lower = -std::numeric_limits<double>::infinity();  ///< smallest physical value
   double upper = std::numeric_limits<double>::infinity();   ///< largest physical value
-  std::string meaning;  ///< one phrase for a person
-  bool logarithmic = false;  ///< a modulus or stiffness: positive, known by its order of magnitude, fitted as its logarithm
+  std::string meaning;                                      ///< one phrase for a person
+  bool logarithmic =
+      false;  ///< a modulus or stiffness: positive, known by its order of magnitude, fitted as its logarithm
 };
 
 /// Values of all parameters of a model, in the order of their table, SI units. Shape: (table.size()).

@@ -9,7 +9,8 @@
 
 namespace taut {
 
-SceneBuilder::SceneBuilder(Mesh mesh, Plane plane, double thickness) : mesh_(std::move(mesh)), plane_(plane), has_material_(mesh_.region_names.size()) {
+SceneBuilder::SceneBuilder(Mesh mesh, Plane plane, double thickness)
+    : mesh_(std::move(mesh)), plane_(plane), has_material_(mesh_.region_names.size()) {
   if (mesh_.dimension() == 2) {
     thickness_ = declare({"thickness", "t", "m", 1e-9, 1e3, "thickness out of the plane"}, thickness);
   }
@@ -22,8 +23,8 @@ int SceneBuilder::declare(ParameterSpec spec, double value) {
   return index;
 }
 
-void SceneBuilder::add_solid(const std::string& region, const std::string& law, const std::map<std::string, double>& constants,
-                             Formulation formulation) {
+void SceneBuilder::add_solid(const std::string& region, const std::string& law,
+                             const std::map<std::string, double>& constants, Formulation formulation) {
   SolidDefinition definition;
   definition.region = mesh_.region_index(region);
   const size_t index = static_cast<size_t>(definition.region);
@@ -36,13 +37,15 @@ void SceneBuilder::add_solid(const std::string& region, const std::string& law, 
   for (const ParameterSpec& spec : material_parameters(law)) known.push_back(spec.id);
   for (const auto& [id, value] : constants) {
     if (std::find(known.begin(), known.end(), id) == known.end()) {
-      throw InputError(fmt::format("material of region '{}': '{}' has no constant '{}'{}; it has: {}", region, law, id, did_you_mean(id, known), join(known)));
+      throw InputError(fmt::format("material of region '{}': '{}' has no constant '{}'{}; it has: {}", region, law, id,
+                                   did_you_mean(id, known), join(known)));
     }
   }
   for (ParameterSpec spec : material_parameters(law)) {
     const auto found = constants.find(spec.id);
     if (found == constants.end()) {
-      throw InputError(fmt::format("material of region '{}': {} ({}) is missing; law '{}' needs {}", region, spec.id, spec.meaning, law, join(known)));
+      throw InputError(fmt::format("material of region '{}': {} ({}) is missing; law '{}' needs {}", region, spec.id,
+                                   spec.meaning, law, join(known)));
     }
     spec.id += "_" + region;
     spec.meaning += " of " + region;
@@ -54,12 +57,17 @@ void SceneBuilder::add_solid(const std::string& region, const std::string& law, 
 
 void SceneBuilder::support(const std::string& tag, int component, int control) {
   const int d = mesh_.dimension();
-  if (component >= d) throw InputError(fmt::format("support on '{}': a {}D model has no component {}; use {}", tag, d, "xyz"[component], d == 2 ? "x, y" : "x, y, z"));
+  if (component >= d)
+    throw InputError(fmt::format("support on '{}': a {}D model has no component {}; use {}", tag, d, "xyz"[component],
+                                 d == 2 ? "x, y" : "x, y, z"));
   for (int node : mesh_.select(tag).nodes()) {
     const Support wanted{node * d + component, control, control < 0 ? 0.0 : 1.0};
     const auto [position, inserted] = supports_.try_emplace(wanted.dof, wanted);
     if (!inserted && position->second.parameter != control) {
-      throw InputError(fmt::format("support on '{}': component {} of a node is already prescribed by another support; let the supports not overlap", tag, "xyz"[component]));
+      throw InputError(
+          fmt::format("support on '{}': component {} of a node is already prescribed by another support; let the "
+                      "supports not overlap",
+                      tag, "xyz"[component]));
     }
   }
 }
@@ -68,11 +76,14 @@ void SceneBuilder::fix(const std::string& tag, const std::vector<int>& component
   for (int component : components) support(tag, component, -1);
 }
 
-void SceneBuilder::prescribe(const std::string& tag, int component, int control) { support(tag, component, control); }
+void SceneBuilder::prescribe(const std::string& tag, int component, int control) {
+  support(tag, component, control);
+}
 
 void SceneBuilder::check_direction(const Eigen::VectorXd& direction) const {
   if (direction.size() != mesh_.dimension() || !(direction.norm() > 0) || !direction.allFinite()) {
-    throw InputError(fmt::format("a direction in a {0}D model needs {0} finite numbers that are not all zero", mesh_.dimension()));
+    throw InputError(
+        fmt::format("a direction in a {0}D model needs {0} finite numbers that are not all zero", mesh_.dimension()));
   }
 }
 
@@ -83,7 +94,8 @@ void SceneBuilder::add_force(const std::string& tag, const Eigen::VectorXd& dire
   terms_.push_back(make_load(mean_weights(mesh_, mesh_.select(tag), direction), factors));
 }
 
-void SceneBuilder::add_point_force(const Eigen::VectorXd& point, const Eigen::VectorXd& direction, int control, int gravity) {
+void SceneBuilder::add_point_force(const Eigen::VectorXd& point, const Eigen::VectorXd& direction, int control,
+                                   int gravity) {
   check_direction(direction);
   std::vector<int> factors{control};
   if (gravity >= 0) factors.push_back(gravity);
@@ -93,7 +105,9 @@ void SceneBuilder::add_point_force(const Eigen::VectorXd& point, const Eigen::Ve
 void SceneBuilder::add_traction(const std::string& tag, const Eigen::VectorXd& direction, int control) {
   check_direction(direction);
   const Tag facets = mesh_.select(tag);
-  if (facets.dimension != mesh_.dimension() - 1) throw InputError(fmt::format("a traction acts on {}, and '{}' is not one", mesh_.dimension() == 3 ? "a face" : "an edge", tag));
+  if (facets.dimension != mesh_.dimension() - 1)
+    throw InputError(
+        fmt::format("a traction acts on {}, and '{}' is not one", mesh_.dimension() == 3 ? "a face" : "an edge", tag));
   std::vector<int> factors{control};
   if (thickness_ >= 0) factors.push_back(thickness_);
   terms_.push_back(make_load(mean_weights(mesh_, facets, direction) * measure_of(mesh_, facets), factors));
@@ -102,13 +116,18 @@ void SceneBuilder::add_traction(const std::string& tag, const Eigen::VectorXd& d
 void SceneBuilder::add_line_load(const std::string& tag, const Eigen::VectorXd& direction, int control) {
   check_direction(direction);
   const Tag line = mesh_.select(tag);
-  if (line.dimension != mesh_.dimension() - 2) throw InputError(fmt::format("a line load acts on {}, and '{}' is not one", mesh_.dimension() == 3 ? "an edge, such as \"xmax & zmax\"" : "a point, such as \"xmax & ymax\"", tag));
+  if (line.dimension != mesh_.dimension() - 2)
+    throw InputError(fmt::format(
+        "a line load acts on {}, and '{}' is not one",
+        mesh_.dimension() == 3 ? "an edge, such as \"xmax & zmax\"" : "a point, such as \"xmax & ymax\"", tag));
   std::vector<int> factors{control};
   if (thickness_ >= 0) factors.push_back(thickness_);  // in 2D the line runs through the thickness
-  terms_.push_back(make_load(mean_weights(mesh_, line, direction) * (thickness_ >= 0 ? 1.0 : measure_of(mesh_, line)), factors));
+  terms_.push_back(
+      make_load(mean_weights(mesh_, line, direction) * (thickness_ >= 0 ? 1.0 : measure_of(mesh_, line)), factors));
 }
 
-void SceneBuilder::add_weight(const std::string& region, double density, const Eigen::VectorXd& direction, int gravity) {
+void SceneBuilder::add_weight(const std::string& region, double density, const Eigen::VectorXd& direction,
+                              int gravity) {
   check_direction(direction);
   const int rho = declare({"density_" + region, "rho", "kg/m3", 1e-3, 1e5, "density of " + region}, density);
   std::vector<int> factors{rho, gravity};
@@ -122,7 +141,8 @@ void SceneBuilder::check_rigid_motions() const {
   std::vector<int> part(static_cast<size_t>(mesh_.node_count()));
   for (size_t i = 0; i < part.size(); ++i) part[i] = static_cast<int>(i);
   auto root = [&](int i) {
-    while (part[static_cast<size_t>(i)] != i) i = part[static_cast<size_t>(i)] = part[static_cast<size_t>(part[static_cast<size_t>(i)])];
+    while (part[static_cast<size_t>(i)] != i)
+      i = part[static_cast<size_t>(i)] = part[static_cast<size_t>(part[static_cast<size_t>(i)])];
     return i;
   };
   for (int e = 0; e < mesh_.element_count(); ++e) {
@@ -148,22 +168,28 @@ void SceneBuilder::check_rigid_motions() const {
     qr.setThreshold(1e-9);
     if (dofs.empty() || qr.rank() < motions) {
       const Eigen::VectorXd at = mesh_.node(representative) * 1e3;
-      throw InputError(fmt::format("the supports leave {} of {} rigid motions free (the part with the node at ({:.4g}, {:.4g}{}) mm): fix more components",
-                                   motions - (dofs.empty() ? 0 : qr.rank()), motions, at[0], at[1], d == 3 ? fmt::format(", {:.4g}", at[2]) : ""));
+      throw InputError(
+          fmt::format("the supports leave {} of {} rigid motions free (the part with the node at ({:.4g}, {:.4g}{}) "
+                      "mm): fix more components",
+                      motions - (dofs.empty() ? 0 : qr.rank()), motions, at[0], at[1],
+                      d == 3 ? fmt::format(", {:.4g}", at[2]) : ""));
     }
   }
 }
 
 Scene SceneBuilder::build() {
   for (size_t r = 0; r < has_material_.size(); ++r) {
-    if (!has_material_[r]) throw InputError(fmt::format("region '{}' has no material; add [materials.{}]", mesh_.region_names[r], mesh_.region_names[r]));
+    if (!has_material_[r])
+      throw InputError(
+          fmt::format("region '{}' has no material; add [materials.{}]", mesh_.region_names[r], mesh_.region_names[r]));
   }
   check_rigid_motions();
   std::vector<Support> supports;
   for (const auto& [dof, s] : supports_) supports.push_back(s);
   Scene scene;
   scene.values = Eigen::Map<const Eigen::VectorXd>(values_.data(), static_cast<Eigen::Index>(values_.size()));
-  scene.model = std::make_unique<Model>(std::move(mesh_), std::move(parameters_), std::move(terms_), std::move(supports));
+  scene.model =
+      std::make_unique<Model>(std::move(mesh_), std::move(parameters_), std::move(terms_), std::move(supports));
   return scene;
 }
 

@@ -17,8 +17,8 @@ struct Scene {
 };
 
 /// Puts a model together by name: regions to materials, tags to supports and loads. Every number becomes a declared
-/// parameter: material constants as "<constant>_<region>" (E_foam, nu_foam, density_foam), "thickness" in 2D, and what the
-/// caller declares. Everything that does not fit the mesh throws InputError.
+/// parameter: material constants as "<constant>_<region>" (E_foam, nu_foam, density_foam), "thickness" in 2D, and what
+/// the caller declares. Everything that does not fit the mesh throws InputError.
 class SceneBuilder {
  public:
   /// `thickness` [m] counts in 2D only.
@@ -39,14 +39,15 @@ class SceneBuilder {
   /// u[component] = p[control] on all nodes of a tag.
   void prescribe(const std::string& tag, int component, int control);
 
-  /// Dead force of p[control] newtons in all, spread evenly over a tag; with `gravity` >= 0 the control is a mass [kg] and
-  /// the force p[control] * p[gravity].
+  /// Dead force of p[control] newtons in all, spread evenly over a tag; with `gravity` >= 0 the control is a mass [kg]
+  /// and the force p[control] * p[gravity].
   void add_force(const std::string& tag, const Eigen::VectorXd& direction, int control, int gravity = -1);
   /// The same at one material point.
   void add_point_force(const Eigen::VectorXd& point, const Eigen::VectorXd& direction, int control, int gravity = -1);
   /// Dead traction of p[control] pascals of rest area on a facet tag.
   void add_traction(const std::string& tag, const Eigen::VectorXd& direction, int control);
-  /// Dead line load of p[control] newtons per metre along a tag of segments (an edge "a & b" of a 3D body; in 2D, of a point).
+  /// Dead line load of p[control] newtons per metre along a tag of segments (an edge "a & b" of a 3D body; in 2D, of a
+  /// point).
   void add_line_load(const std::string& tag, const Eigen::VectorXd& direction, int control);
   /// Self-weight of a region: density [kg/m^3] and the index of the acceleration [m/s^2].
   void add_weight(const std::string& region, double density, const Eigen::VectorXd& direction, int gravity);

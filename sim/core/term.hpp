@@ -31,14 +31,14 @@ struct Point {
   const Params& p;
 };
 
-/// Collects what terms contribute: energy and, where asked for, gradient and Hessian. The Hessian goes into the values of
-/// a fixed sparsity pattern (lower triangle, fixed unknowns left out), or, times a direction, into a vector.
+/// Collects what terms contribute: energy and, where asked for, gradient and Hessian. The Hessian goes into the values
+/// of a fixed sparsity pattern (lower triangle, fixed unknowns left out), or, times a direction, into a vector.
 class Assembly {
  public:
-  double energy = 0;              ///< [J]
-  double magnitude = 0;           ///< sum of |contributions| [J]; rounding in `energy` is about epsilon times this
-  Eigen::VectorXd* gradient = nullptr;         ///< [N], all unknowns
-  double* hessian = nullptr;                   ///< [N/m], values of the pattern; one more slot at the end takes the rest
+  double energy = 0;     ///< [J]
+  double magnitude = 0;  ///< sum of |contributions| [J]; rounding in `energy` is about epsilon times this
+  Eigen::VectorXd* gradient = nullptr;  ///< [N], all unknowns
+  double* hessian = nullptr;            ///< [N/m], values of the pattern; one more slot at the end takes the rest
   const Eigen::VectorXd* direction = nullptr;  ///< all unknowns; with it `product` receives Hessian * direction
   Eigen::VectorXd* product = nullptr;
   Curvature curvature = Curvature::exact;
@@ -53,11 +53,13 @@ class Assembly {
   /// Adds an element's gradient; `g` holds `dimension` entries per node.
   void add_gradient(const int* nodes, int count, int dimension, const double* g) {
     for (int a = 0; a < count; ++a) {
-      for (int i = 0; i < dimension; ++i) (*gradient)[static_cast<Eigen::Index>(nodes[a]) * dimension + i] += g[a * dimension + i];
+      for (int i = 0; i < dimension; ++i)
+        (*gradient)[static_cast<Eigen::Index>(nodes[a]) * dimension + i] += g[a * dimension + i];
     }
   }
 
-  /// Adds an element's symmetric Hessian `K`, (n x n) with n = count * dimension, of clique `clique` of the term at work.
+  /// Adds an element's symmetric Hessian `K`, (n x n) with n = count * dimension, of clique `clique` of the term at
+  /// work.
   void add_hessian(int clique, const int* nodes, int count, int dimension, const double* K) {
     const int n = count * dimension;
     if (hessian != nullptr) {
@@ -70,7 +72,8 @@ class Assembly {
       for (int r = 0; r < n; ++r) {
         double sum = 0;
         for (int c = 0; c < n; ++c) {
-          sum += K[r * n + c] * (*direction)[static_cast<Eigen::Index>(nodes[c / dimension]) * dimension + c % dimension];
+          sum +=
+              K[r * n + c] * (*direction)[static_cast<Eigen::Index>(nodes[c / dimension]) * dimension + c % dimension];
         }
         (*product)[static_cast<Eigen::Index>(nodes[r / dimension]) * dimension + r % dimension] += sum;
       }
@@ -95,8 +98,8 @@ class Term {
   virtual ~Term() = default;
   /// The node sets whose unknowns this energy couples; linear energies have none.
   virtual Cliques cliques() const { return {}; }
-  /// Adds energy, gradient dE/du [N] and Hessian d2E/du2 [N/m] as the assembly asks. An inadmissible state has energy +inf
-  /// and may leave the derivatives unfinished.
+  /// Adds energy, gradient dE/du [N] and Hessian d2E/du2 [N/m] as the assembly asks. An inadmissible state has energy
+  /// +inf and may leave the derivatives unfinished.
   virtual void assemble(const Point& at, Assembly& out) const = 0;
   /// Whether E depends on parameter `index` of the model's table.
   virtual bool depends_on(int index) const = 0;

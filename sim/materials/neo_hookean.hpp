@@ -22,8 +22,8 @@ struct NeoHookean {
   static constexpr std::string_view id = "neo_hookean";
   static constexpr std::string_view summary = "compressible neo-Hookean solid (Eq. 3 of the push-puppet paper)";
   static std::array<ParameterSpec, 2> parameters() {
-    return {{{"E", "E", "Pa", 1.0, 1e13, "Young's modulus", true},
-             {"nu", "nu", "1", -0.95, 0.4999999, "Poisson's ratio"}}};
+    return {
+        {{"E", "E", "Pa", 1.0, 1e13, "Young's modulus", true}, {"nu", "nu", "1", -0.95, 0.4999999, "Poisson's ratio"}}};
   }
 
   T mu{0};      ///< shear modulus [Pa]
@@ -63,12 +63,13 @@ struct NeoHookean {
       const T difference = H(0, 0) - H(1, 1), shear = H(0, 1) + H(1, 0);
       return mu * (0.5 * (difference * difference + shear * shear) + minus_log1p(j)) + 0.5 * lambda * ln_j * ln_j;
     } else {
-      // With Green's strain G, its invariants I, II, III and q = det C - 1 = 2 I + 4 II + 8 III, the term tr C - 3 = 2 I is
-      // q - 4 II - 8 III: the parts of first order in the strain cancel on paper and not in the last digits.
+      // With Green's strain G, its invariants I, II, III and q = det C - 1 = 2 I + 4 II + 8 III, the term tr C - 3 = 2
+      // I is q - 4 II - 8 III: the parts of first order in the strain cancel on paper and not in the last digits.
       const Tensor<T, 3> G = green_strain<T, 3>(H);
       const T two = G(0, 0) * G(1, 1) + G(1, 1) * G(2, 2) + G(2, 2) * G(0, 0) - G(0, 1) * G(0, 1) - G(1, 2) * G(1, 2) -
                     G(0, 2) * G(0, 2);
-      const T three = G(0, 0) * (G(1, 1) * G(2, 2) - G(1, 2) * G(1, 2)) - G(0, 1) * (G(0, 1) * G(2, 2) - G(1, 2) * G(0, 2)) +
+      const T three = G(0, 0) * (G(1, 1) * G(2, 2) - G(1, 2) * G(1, 2)) -
+                      G(0, 1) * (G(0, 1) * G(2, 2) - G(1, 2) * G(0, 2)) +
                       G(0, 2) * (G(0, 1) * G(1, 2) - G(1, 1) * G(0, 2));
       const T q = 2.0 * (G(0, 0) + G(1, 1) + G(2, 2)) + 4.0 * two + 8.0 * three;
       // ln det C = 2 ln J; once q is large that is the better of the two, down to J = 0.

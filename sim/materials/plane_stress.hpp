@@ -12,8 +12,8 @@ template <class Material>
 struct PlaneStress {
   Material solid;
 
-  /// Out-of-plane displacement gradient c - 1 for the in-plane H; NaN when det F <= 0 in the plane. Newton's method on ln c,
-  /// in which the energy is convex and far stretches are near: dPsi/d ln c = c P_33.
+  /// Out-of-plane displacement gradient c - 1 for the in-plane H; NaN when det F <= 0 in the plane. Newton's method on
+  /// ln c, in which the energy is convex and far stretches are near: dPsi/d ln c = c P_33.
   double thickness_strain(const Tensor<double, 2>& H) const {
     if (!(jacobian_minus_one(H) > -1.0)) return std::nan("");
     double strain = 0.0;
@@ -46,7 +46,8 @@ struct PlaneStress {
     const Tangent<double, 3> full = solid.tangent(embed(H, thickness_strain(H)));
     Tangent<double, 2> A;
     for (int a = 0; a < 4; ++a) {
-      for (int b = 0; b < 4; ++b) A(a, b) = full(in_plane(a), in_plane(b)) - full(in_plane(a), 8) * full(8, in_plane(b)) / full(8, 8);
+      for (int b = 0; b < 4; ++b)
+        A(a, b) = full(in_plane(a), in_plane(b)) - full(in_plane(a), 8) * full(8, in_plane(b)) / full(8, 8);
     }
     return A;
   }

@@ -19,7 +19,8 @@ T jacobian_minus_one(const Eigen::Matrix<T, D, D>& H) {
     const T first = H(0, 0) + H(1, 1) + H(2, 2);
     const T second = (H(0, 0) * H(1, 1) - H(0, 1) * H(1, 0)) + (H(1, 1) * H(2, 2) - H(1, 2) * H(2, 1)) +
                      (H(0, 0) * H(2, 2) - H(0, 2) * H(2, 0));
-    const T third = H(0, 0) * (H(1, 1) * H(2, 2) - H(1, 2) * H(2, 1)) - H(0, 1) * (H(1, 0) * H(2, 2) - H(1, 2) * H(2, 0)) +
+    const T third = H(0, 0) * (H(1, 1) * H(2, 2) - H(1, 2) * H(2, 1)) -
+                    H(0, 1) * (H(1, 0) * H(2, 2) - H(1, 2) * H(2, 0)) +
                     H(0, 2) * (H(1, 0) * H(2, 1) - H(1, 1) * H(2, 0));
     return first + second + third;
   }

@@ -13,8 +13,12 @@ namespace taut {
 /// tet10: 4 = mid(0,1), 5 = mid(1,2), 6 = mid(0,2), 7 = mid(0,3), 8 = mid(1,3), 9 = mid(2,3).
 enum class ElementShape { tri3, tri6, tet4, tet10 };
 
-constexpr int dimension_of(ElementShape s) { return s == ElementShape::tri3 || s == ElementShape::tri6 ? 2 : 3; }
-constexpr int order_of(ElementShape s) { return s == ElementShape::tri3 || s == ElementShape::tet4 ? 1 : 2; }
+constexpr int dimension_of(ElementShape s) {
+  return s == ElementShape::tri3 || s == ElementShape::tri6 ? 2 : 3;
+}
+constexpr int order_of(ElementShape s) {
+  return s == ElementShape::tri3 || s == ElementShape::tet4 ? 1 : 2;
+}
 constexpr int nodes_of(ElementShape s) {
   return s == ElementShape::tri3 ? 3 : s == ElementShape::tri6 ? 6 : s == ElementShape::tet4 ? 4 : 10;
 }
@@ -33,9 +37,9 @@ struct Tag {
 /// Rest geometry: nodes X [m], simplices with one region each, and named parts of the boundary.
 struct Mesh {
   ElementShape shape = ElementShape::tri3;
-  Eigen::VectorXd X;              ///< rest positions [m], stacked node by node: (dimension * node count)
-  std::vector<int> elements;      ///< node numbers, nodes_of(shape) per element, positively oriented
-  std::vector<int> region;        ///< region index of each element
+  Eigen::VectorXd X;          ///< rest positions [m], stacked node by node: (dimension * node count)
+  std::vector<int> elements;  ///< node numbers, nodes_of(shape) per element, positively oriented
+  std::vector<int> region;    ///< region index of each element
   std::vector<std::string> region_names;
   std::map<std::string, Tag> tags;
 

@@ -13,8 +13,8 @@ struct QuadraturePoint {
   double weight;
 };
 
-/// Lagrange simplices in the node order of mesh.hpp. Vertex 0 is at the origin of the natural coordinates, vertex i at 1
-/// on axis i - 1; L = (1 - sum xi, xi...) are the barycentric coordinates.
+/// Lagrange simplices in the node order of mesh.hpp. Vertex 0 is at the origin of the natural coordinates, vertex i at
+/// 1 on axis i - 1; L = (1 - sum xi, xi...) are the barycentric coordinates.
 template <ElementShape S>
 struct ReferenceElement {
   static constexpr int D = dimension_of(S);
@@ -42,8 +42,10 @@ struct ReferenceElement {
     const auto L = barycentric(xi);
     auto dL = [](int a) {
       Xi g = Xi::Zero();
-      if (a == 0) g.setConstant(-1.0);
-      else g[a - 1] = 1.0;
+      if (a == 0)
+        g.setConstant(-1.0);
+      else
+        g[a - 1] = 1.0;
       return g;
     };
     Eigen::Matrix<double, D, N> g;
@@ -55,8 +57,8 @@ struct ReferenceElement {
     return g;
   }
 
-  /// The rule that integrates the stiffness of the straight-sided element exactly: one point for linear, degree 2 (3 points
-  /// in 2D, 4 in 3D) for quadratic elements.
+  /// The rule that integrates the stiffness of the straight-sided element exactly: one point for linear, degree 2 (3
+  /// points in 2D, 4 in 3D) for quadratic elements.
   static auto quadrature() {
     using Q = QuadraturePoint<D>;
     constexpr double measure = D == 2 ? 0.5 : 1.0 / 6.0;

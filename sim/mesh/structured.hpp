@@ -14,11 +14,12 @@ std::vector<double> graded(double length, int cells, double ratio = 1.0);
 /// Like graded(), refined towards both ends: the middle cell is `ratio` times the first and the last one.
 std::vector<double> graded_both(double length, int cells, double ratio);
 
-/// Which way the cells of a rectangle are cut in two. Alternating diagonals favour no direction; all rising (lower left to
-/// upper right) or all falling ones are what many mesh generators make, and linear elements suffer for it.
+/// Which way the cells of a rectangle are cut in two. Alternating diagonals favour no direction; all rising (lower left
+/// to upper right) or all falling ones are what many mesh generators make, and linear elements suffer for it.
 enum class Diagonals { alternating, rising, falling };
 
-/// Rectangle meshed as a grid at the given coordinates, two triangles per cell. Tags: xmin, xmax, ymin, ymax. One region.
+/// Rectangle meshed as a grid at the given coordinates, two triangles per cell. Tags: xmin, xmax, ymin, ymax. One
+/// region.
 Mesh rectangle(const std::vector<double>& x, const std::vector<double>& y, int order, const std::string& region,
                Diagonals diagonals = Diagonals::alternating);
 

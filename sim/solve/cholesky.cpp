@@ -11,8 +11,9 @@ namespace {
 
 std::atomic<bool> one_thread = false;
 
-/// CHOLMOD asks OpenMP for four threads, whatever its environment variables say, and at our sizes they cost more than they
-/// bring: half of the processor time of a factorisation. This forbids them; OpenMP keeps the setting per calling thread.
+/// CHOLMOD asks OpenMP for four threads, whatever its environment variables say, and at our sizes they cost more than
+/// they bring: half of the processor time of a factorisation. This forbids them; OpenMP keeps the setting per calling
+/// thread.
 void forbid_openmp_threads() {
   using Setter = void (*)(int);
   static const auto setter = reinterpret_cast<Setter>(dlsym(RTLD_DEFAULT, "omp_set_max_active_levels"));
@@ -94,7 +95,9 @@ Eigen::MatrixXd Cholesky::solve(const Eigen::MatrixXd& b) const {
   return x;
 }
 
-int Cholesky::factorisations() const { return implementation_->factorisations; }
+int Cholesky::factorisations() const {
+  return implementation_->factorisations;
+}
 
 bool use_one_blas_thread() {
   one_thread = true;

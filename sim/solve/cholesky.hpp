@@ -7,8 +7,8 @@
 
 namespace taut {
 
-/// Sparse Cholesky factorisation L L^T of the Hessian with CHOLMOD. The fill-reducing ordering and the symbolic analysis
-/// are made once per pattern and reused by every factorisation. One object per thread.
+/// Sparse Cholesky factorisation L L^T of the Hessian with CHOLMOD. The fill-reducing ordering and the symbolic
+/// analysis are made once per pattern and reused by every factorisation. One object per thread.
 class Cholesky {
  public:
   explicit Cholesky(const SparsePattern& pattern);
@@ -29,8 +29,8 @@ class Cholesky {
   std::unique_ptr<Implementation> implementation_;
 };
 
-/// CHOLMOD's dense kernels on one thread: two cores are better spent on two states at a time. Returns false when the BLAS
-/// in use cannot be told (the environment variable OPENBLAS_NUM_THREADS does it then).
+/// CHOLMOD's dense kernels on one thread: two cores are better spent on two states at a time. Returns false when the
+/// BLAS in use cannot be told (the environment variable OPENBLAS_NUM_THREADS does it then).
 bool use_one_blas_thread();
 
 }  // namespace taut

@@ -11,26 +11,35 @@ namespace {
 constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr double epsilon = std::numeric_limits<double>::epsilon();
 
-double largest(const Eigen::VectorXd& v) { return v.size() == 0 ? 0.0 : v.cwiseAbs().maxCoeff(); }
+double largest(const Eigen::VectorXd& v) {
+  return v.size() == 0 ? 0.0 : v.cwiseAbs().maxCoeff();
+}
 
 }  // namespace
 
 std::string_view name_of(SolveStatus status) {
   switch (status) {
-    case SolveStatus::converged: return "converged";
-    case SolveStatus::infeasible_start: return "infeasible start";
-    case SolveStatus::iteration_limit: return "iteration limit";
-    case SolveStatus::stalled: return "stalled";
-    case SolveStatus::not_a_minimum: return "not a minimum";
-    case SolveStatus::load_step_limit: return "load step limit";
-    case SolveStatus::interrupted: return "interrupted";
+    case SolveStatus::converged:
+      return "converged";
+    case SolveStatus::infeasible_start:
+      return "infeasible start";
+    case SolveStatus::iteration_limit:
+      return "iteration limit";
+    case SolveStatus::stalled:
+      return "stalled";
+    case SolveStatus::not_a_minimum:
+      return "not a minimum";
+    case SolveStatus::load_step_limit:
+      return "load step limit";
+    case SolveStatus::interrupted:
+      return "interrupted";
   }
   return "";
 }
 
 std::string SolveReport::message() const {
-  std::string text = fmt::format("{}: {} Newton iterations, {} factorisations, {} load step{}", name_of(status), iterations,
-                                 factorisations, load_steps, load_steps == 1 ? "" : "s");
+  std::string text = fmt::format("{}: {} Newton iterations, {} factorisations, {} load step{}", name_of(status),
+                                 iterations, factorisations, load_steps, load_steps == 1 ? "" : "s");
   if (left_saddle) text += ", left an unstable equilibrium";
   if (status != SolveStatus::converged) {
     text += fmt::format(", reached {:.3g} % of the load, out-of-balance force {:.3g} N", 100 * reached, gradient);
@@ -39,9 +48,14 @@ std::string SolveReport::message() const {
 }
 
 Equilibrium::Equilibrium(const Model& model, EquilibriumOptions options)
-    : model_(&model), options_(options), cholesky_(model.pattern()), values_(static_cast<size_t>(model.pattern().entries()) + 1) {}
+    : model_(&model),
+      options_(options),
+      cholesky_(model.pattern()),
+      values_(static_cast<size_t>(model.pattern().entries()) + 1) {}
 
-void Equilibrium::start_at_rest(const Params& p) { start_at(Eigen::VectorXd::Zero(model_->unknowns()), p); }
+void Equilibrium::start_at_rest(const Params& p) {
+  start_at(Eigen::VectorXd::Zero(model_->unknowns()), p);
+}
 
 void Equilibrium::start_at(const Eigen::VectorXd& u, const Params& p) {
   u_ = u;
@@ -52,7 +66,8 @@ void Equilibrium::start_at(const Eigen::VectorXd& u, const Params& p) {
 double Equilibrium::mean_diagonal() const {
   const SparsePattern& pattern = model_->pattern();
   double sum = 0;
-  for (int j = 0; j < pattern.size; ++j) sum += std::abs(values_[static_cast<size_t>(pattern.columns[static_cast<size_t>(j)])]);
+  for (int j = 0; j < pattern.size; ++j)
+    sum += std::abs(values_[static_cast<size_t>(pattern.columns[static_cast<size_t>(j)])]);
   return sum / std::max(1, pattern.size);
 }
 
@@ -96,10 +111,10 @@ Eigen::VectorXd Equilibrium::free_gradient_at(const Eigen::VectorXd& u, const Pa
 
 /// Newton's method at fixed p. `u` is the start (supports imposed) and the result.
 ///
-/// Line search with a watchdog (Chamberlain et al. 1982): a full step that raises the energy is taken all the same, once,
-/// and only when the step after it does not make up for it does the search go back and shorten the first one. A step
-/// along a stiff constraint (a segment that turns, a volume that must not change) leaves it to second order; a line search
-/// alone would creep along, where the next Newton step simply returns to it.
+/// Line search with a watchdog (Chamberlain et al. 1982): a full step that raises the energy is taken all the same,
+/// once, and only when the step after it does not make up for it does the search go back and shorten the first one. A
+/// step along a stiff constraint (a segment that turns, a volume that must not change) leaves it to second order; a
+/// line search alone would creep along, where the next Newton step simply returns to it.
 Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params& p) {
   struct {
     Eigen::VectorXd u, step;
@@ -131,7 +146,8 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
     auto better_by_gradient = [&] {
       if (!(next.energy <= energy.energy + noise)) return false;
       const Eigen::VectorXd free_trial = free_gradient_at(trial, p);
-      return std::abs(free_trial.dot(free_step)) <= 0.9 * std::abs(slope) || free_trial.norm() <= 0.9 * free_gradient.norm();
+      return std::abs(free_trial.dot(free_step)) <= 0.9 * std::abs(slope) ||
+             free_trial.norm() <= 0.9 * free_gradient.norm();
     };
 
     trial = u + step;
@@ -187,7 +203,8 @@ bool Equilibrium::leave_saddle(Eigen::VectorXd& u, const Params& p) {
   if (!(model_->hessian_times({u, p}, direction).dot(direction) < 0)) return false;
   Eigen::VectorXd best;
   double lowest = infinity;
-  for (double amplitude = 1e-2 * model_->length_scale(); amplitude > 1e-6 * model_->length_scale() && lowest == infinity; amplitude *= 0.5) {
+  for (double amplitude = 1e-2 * model_->length_scale();
+       amplitude > 1e-6 * model_->length_scale() && lowest == infinity; amplitude *= 0.5) {
     for (double sign : {1.0, -1.0}) {
       const Eigen::VectorXd candidate = u + sign * amplitude * direction;
       Assembly energy;
@@ -239,13 +256,14 @@ Eigen::MatrixXd Equilibrium::sensitivities(const std::vector<int>& indices) cons
   const Eigen::MatrixXd free = cholesky_.solve(rhs);
   Eigen::MatrixXd all(model_->unknowns(), rhs.cols());
   for (size_t k = 0; k < indices.size(); ++k) {
-    all.col(static_cast<Eigen::Index>(k)) = model_->extend_from_free(free.col(static_cast<Eigen::Index>(k))) + model_->support_derivative(indices[k]);
+    all.col(static_cast<Eigen::Index>(k)) =
+        model_->extend_from_free(free.col(static_cast<Eigen::Index>(k))) + model_->support_derivative(indices[k]);
   }
   return all;
 }
 
-/// First-order prediction of the equilibrium at `p` from the kept factor; the current u with supports imposed without one.
-/// A stiffness enters by its reciprocal, in which displacements of a linear solid are linear.
+/// First-order prediction of the equilibrium at `p` from the kept factor; the current u with supports imposed without
+/// one. A stiffness enters by its reciprocal, in which displacements of a linear solid are linear.
 Eigen::VectorXd Equilibrium::predict(const Params& p) const {
   Eigen::VectorXd plain = u_;
   model_->impose_supports(p, plain);

@@ -23,32 +23,32 @@ std::string_view name_of(SolveStatus status);
 
 /// How an equilibrium is searched. The defaults serve statics with stiffness ratios up to 1e6.
 struct EquilibriumOptions {
-  int max_iterations = 40;       ///< Newton iterations per load step before it is halved; after buckling 4 times this
-  double step_tolerance = 1e-9;  ///< largest component of the last Newton step, relative to the bounding-box diagonal
-  int max_halvings = 10;         ///< smallest load step is 2^-max_halvings of the whole
+  int max_iterations = 40;         ///< Newton iterations per load step before it is halved; after buckling 4 times this
+  double step_tolerance = 1e-9;    ///< largest component of the last Newton step, relative to the bounding-box diagonal
+  int max_halvings = 10;           ///< smallest load step is 2^-max_halvings of the whole
   int max_total_iterations = 400;  ///< over all load steps of one solve
-  bool always_project = false;   ///< for comparison only: project the Hessian in every iteration
-  bool check_minimum = true;     ///< leave saddle points (buckling) and say so
+  bool always_project = false;     ///< for comparison only: project the Hessian in every iteration
+  bool check_minimum = true;       ///< leave saddle points (buckling) and say so
   const std::atomic<bool>* stop = nullptr;  ///< raised by another thread or a signal handler: end soon
 };
 
 /// What a solve took and how it ended.
 struct SolveReport {
   SolveStatus status = SolveStatus::converged;
-  int iterations = 0;        ///< Newton iterations, all load steps
-  int factorisations = 0;    ///< Cholesky factorisations, failed ones included
-  int projections = 0;       ///< iterations that needed a projected Hessian
-  int load_steps = 0;        ///< load steps taken; 1 means that the whole load was taken at once
-  bool left_saddle = false;  ///< the path met an unstable equilibrium and left it
-  double reached = 0;        ///< fraction of the load change that was reached
-  double gradient = 0;       ///< largest out-of-balance nodal force at the end [N]
+  int iterations = 0;           ///< Newton iterations, all load steps
+  int factorisations = 0;       ///< Cholesky factorisations, failed ones included
+  int projections = 0;          ///< iterations that needed a projected Hessian
+  int load_steps = 0;           ///< load steps taken; 1 means that the whole load was taken at once
+  bool left_saddle = false;     ///< the path met an unstable equilibrium and left it
+  double reached = 0;           ///< fraction of the load change that was reached
+  double gradient = 0;          ///< largest out-of-balance nodal force at the end [N]
   std::string message() const;  ///< one phrase for people
 };
 
 /// Static equilibrium u* = argmin_u Pi(u; p): Newton's method on the exact Hessian, projected or shifted only when its
 /// Cholesky factorisation fails, with a line search that survives the rounding floor; load stepping from the last
-/// equilibrium when the whole change is too much at once. Keeps the last equilibrium, its factorised exact Hessian and the
-/// symbolic analysis: the next solve starts from there. One object per thread.
+/// equilibrium when the whole change is too much at once. Keeps the last equilibrium, its factorised exact Hessian and
+/// the symbolic analysis: the next solve starts from there. One object per thread.
 class Equilibrium {
  public:
   explicit Equilibrium(const Model& model, EquilibriumOptions options = {});
@@ -64,8 +64,8 @@ class Equilibrium {
   /// Sets a known state as the start of the next solve.
   void start_at(const Eigen::VectorXd& u, const Params& p);
 
-  /// Moves from the current state to the equilibrium at `p`. On failure the state stays at the last equilibrium that was
-  /// reached on the way (report().reached of the change).
+  /// Moves from the current state to the equilibrium at `p`. On failure the state stays at the last equilibrium that
+  /// was reached on the way (report().reached of the change).
   const SolveReport& solve(const Params& p);
 
   /// du/dp_index for each of `indices`, shape (unknowns x indices), at the last equilibrium by the implicit function
@@ -85,7 +85,8 @@ class Equilibrium {
   bool factorise(bool& exact, const Eigen::VectorXd& u, const Params& p, Eigen::VectorXd& gradient);
   Eigen::VectorXd free_gradient_at(const Eigen::VectorXd& u, const Params& p) const;
   double mean_diagonal() const;
-  /// Factorises the exact Hessian at the last equilibrium if that is not what is kept; false when it is not positive definite.
+  /// Factorises the exact Hessian at the last equilibrium if that is not what is kept; false when it is not positive
+  /// definite.
   bool refactorise();
   bool stopped() const { return options_.stop != nullptr && options_.stop->load(); }
 

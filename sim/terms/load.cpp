@@ -10,14 +10,17 @@ namespace {
 
 class Load final : public Term {
  public:
-  Load(Eigen::VectorXd weights, std::vector<int> factors) : weights_(std::move(weights)), factors_(std::move(factors)) {}
+  Load(Eigen::VectorXd weights, std::vector<int> factors)
+      : weights_(std::move(weights)), factors_(std::move(factors)) {}
 
   void assemble(const Point& at, Assembly& out) const override {
     const double value = product_without(at.p, -1);
     out.add_energy(-value * weights_.dot(at.u));
     if (out.gradient != nullptr) *out.gradient -= value * weights_;
   }
-  bool depends_on(int index) const override { return std::find(factors_.begin(), factors_.end(), index) != factors_.end(); }
+  bool depends_on(int index) const override {
+    return std::find(factors_.begin(), factors_.end(), index) != factors_.end();
+  }
   void add_parameter_gradient(const Point& at, int index, Eigen::VectorXd& out) const override {
     for (size_t k = 0; k < factors_.size(); ++k) {
       if (factors_[k] == index) out -= product_without(at.p, static_cast<int>(k)) * weights_;
@@ -40,9 +43,13 @@ class Load final : public Term {
 /// Share of each node in the integral of its shape function over a straight entity of unit measure.
 std::vector<double> shares(const Tag& tag) {
   switch (tag.dimension) {
-    case 0: return {1.0};
-    case 1: return tag.nodes_per_entity == 2 ? std::vector{0.5, 0.5} : std::vector{1.0 / 6, 1.0 / 6, 4.0 / 6};
-    default: return tag.nodes_per_entity == 3 ? std::vector(3, 1.0 / 3) : std::vector{0.0, 0.0, 0.0, 1.0 / 3, 1.0 / 3, 1.0 / 3};
+    case 0:
+      return {1.0};
+    case 1:
+      return tag.nodes_per_entity == 2 ? std::vector{0.5, 0.5} : std::vector{1.0 / 6, 1.0 / 6, 4.0 / 6};
+    default:
+      return tag.nodes_per_entity == 3 ? std::vector(3, 1.0 / 3)
+                                       : std::vector{0.0, 0.0, 0.0, 1.0 / 3, 1.0 / 3, 1.0 / 3};
   }
 }
 
@@ -78,15 +85,16 @@ Eigen::VectorXd mean_weights(const Mesh& mesh, const Tag& tag, const Eigen::Vect
   for (int entity = 0; entity < tag.count(); ++entity) {
     const double measure = measure_of_entity(mesh, tag, entity);
     for (int a = 0; a < tag.nodes_per_entity; ++a) {
-      add_at_node(weights, tag.entities[static_cast<size_t>(entity) * tag.nodes_per_entity + a], share[static_cast<size_t>(a)] * measure, unit);
+      add_at_node(weights, tag.entities[static_cast<size_t>(entity) * tag.nodes_per_entity + a],
+                  share[static_cast<size_t>(a)] * measure, unit);
     }
   }
   return weights;
 }
 
 Eigen::VectorXd body_weights(const Mesh& mesh, int region, const Eigen::VectorXd& direction) {
-  // Integral of the shape functions over straight-sided simplices: linear, 1/(d+1) each; quadratic triangle, 0 at vertices
-  // and 1/3 at mid-nodes; quadratic tetrahedron, -1/20 at vertices and 1/5 at mid-nodes.
+  // Integral of the shape functions over straight-sided simplices: linear, 1/(d+1) each; quadratic triangle, 0 at
+  // vertices and 1/3 at mid-nodes; quadratic tetrahedron, -1/20 at vertices and 1/5 at mid-nodes.
   const int vertices = mesh.dimension() + 1;
   const bool quadratic = order_of(mesh.shape) == 2;
   const double at_vertex = !quadratic ? 1.0 / vertices : mesh.dimension() == 2 ? 0.0 : -1.0 / 20;
@@ -97,7 +105,8 @@ Eigen::VectorXd body_weights(const Mesh& mesh, int region, const Eigen::VectorXd
   for (int e = 0; e < mesh.element_count(); ++e) {
     if (mesh.region[static_cast<size_t>(e)] != region) continue;
     for (int a = 0; a < mesh.nodes_per_element(); ++a) {
-      add_at_node(weights, mesh.element(e)[a], (a < vertices ? at_vertex : at_mid) * measures[static_cast<size_t>(e)], unit);
+      add_at_node(weights, mesh.element(e)[a], (a < vertices ? at_vertex : at_mid) * measures[static_cast<size_t>(e)],
+                  unit);
     }
   }
   return weights;

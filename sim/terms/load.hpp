@@ -9,7 +9,8 @@
 namespace taut {
 
 /// Potential of a dead load: E = -(product of p[factors]) * (weights . u)  [J]. A hung mass has the factors {m, g}, a
-/// traction in 2D {traction, thickness}, self-weight {density, g, thickness}; `weights` says where it acts and which way.
+/// traction in 2D {traction, thickness}, self-weight {density, g, thickness}; `weights` says where it acts and which
+/// way.
 std::unique_ptr<Term> make_load(Eigen::VectorXd weights, std::vector<int> factors);
 
 /// Nodal weights of a unit force spread evenly over a tag (area, length or equal shares of points) in `direction` (any

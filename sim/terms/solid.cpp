@@ -19,13 +19,21 @@ template <class Material>
 struct Direct {
   Material solid;
   template <int D>
-  double energy(const Tensor<double, D>& H) const { return solid.energy(H); }
+  double energy(const Tensor<double, D>& H) const {
+    return solid.energy(H);
+  }
   template <int D>
-  Tensor<double, D> stress(const Tensor<double, D>& H) const { return solid.stress(H); }
+  Tensor<double, D> stress(const Tensor<double, D>& H) const {
+    return solid.stress(H);
+  }
   template <int D>
-  Tangent<double, D> tangent(const Tensor<double, D>& H) const { return solid.tangent(H); }
+  Tangent<double, D> tangent(const Tensor<double, D>& H) const {
+    return solid.tangent(H);
+  }
   template <int D>
-  Tensor<double, D> stress_derivative(const Tensor<double, D>& H, const Material& derivative) const { return derivative.stress(H); }
+  Tensor<double, D> stress_derivative(const Tensor<double, D>& H, const Material& derivative) const {
+    return derivative.stress(H);
+  }
 };
 
 /// Geometry of an element at its quadrature points.
@@ -35,8 +43,8 @@ struct ElementGeometry {
   static constexpr int D = Reference::D, N = Reference::N;
   static constexpr int Q = static_cast<int>(std::tuple_size_v<decltype(Reference::quadrature())>);
   std::array<int, N> nodes;
-  std::array<double, Q> weight;                                     ///< of the rest volume (area) [m^D]
-  std::array<Eigen::Matrix<double, D, N>, Q> gradient;              ///< dN/dX [1/m], one column per node
+  std::array<double, Q> weight;                         ///< of the rest volume (area) [m^D]
+  std::array<Eigen::Matrix<double, D, N>, Q> gradient;  ///< dN/dX [1/m], one column per node
 
   ElementGeometry(const Mesh& mesh, int e) {
     Eigen::Matrix<double, D, N> X;
@@ -55,7 +63,8 @@ struct ElementGeometry {
 
   Eigen::Matrix<double, D, N> gather(const Eigen::VectorXd& u) const {
     Eigen::Matrix<double, D, N> local;
-    for (int a = 0; a < N; ++a) local.col(a) = u.segment<D>(static_cast<Eigen::Index>(nodes[static_cast<size_t>(a)]) * D);
+    for (int a = 0; a < N; ++a)
+      local.col(a) = u.segment<D>(static_cast<Eigen::Index>(nodes[static_cast<size_t>(a)]) * D);
     return local;
   }
 };
@@ -80,9 +89,9 @@ void add_pressure_tangent(const Tensor<double, D>& inverse, double pressure, Tan
   }
 }
 
-/// A positive semi-definite stand-in for the tangent. The volumetric energy lambda/2 (ln J)^2 keeps its Gauss-Newton part
-/// lambda F^-T (x) F^-T and loses the part proportional to the pressure, which in nearly incompressible solids is large, of
-/// either sign, and mostly wrong far from the solution; the rest has its negative eigenvalues removed.
+/// A positive semi-definite stand-in for the tangent. The volumetric energy lambda/2 (ln J)^2 keeps its Gauss-Newton
+/// part lambda F^-T (x) F^-T and loses the part proportional to the pressure, which in nearly incompressible solids is
+/// large, of either sign, and mostly wrong far from the solution; the rest has its negative eigenvalues removed.
 template <int D, class Law>
 Tangent<double, D> projected_tangent(const Law& law, const Tensor<double, D>& H) {
   using Material = std::remove_cvref_t<decltype(law.solid)>;
@@ -121,8 +130,8 @@ class Solid final : public Term {
   }
 
   bool depends_on(int index) const override {
-    return index == definition_.thickness ||
-           std::find(definition_.parameters.begin(), definition_.parameters.end(), index) != definition_.parameters.end();
+    return index == definition_.thickness || std::find(definition_.parameters.begin(), definition_.parameters.end(),
+                                                       index) != definition_.parameters.end();
   }
 
   void assemble(const Point& at, Assembly& out) const override {
@@ -148,7 +157,8 @@ class Solid final : public Term {
     const auto position = std::find(definition_.parameters.begin(), definition_.parameters.end(), index);
     const double t = thickness(at.p);
     Law<Material> law{Material(theta(at.p))};
-    Material derivative = Material::derivative(theta(at.p), static_cast<int>(position - definition_.parameters.begin()));
+    Material derivative =
+        Material::derivative(theta(at.p), static_cast<int>(position - definition_.parameters.begin()));
     double volumetric = 0;
     if constexpr (Material::splits_volume) {
       if (averages()) {
@@ -167,7 +177,8 @@ class Solid final : public Term {
         if (averages()) P += pressure * inverse_of<double, D>(H).transpose();
         force.noalias() += (t * element.weight[q] * P) * element.gradient[q];
       }
-      for (size_t a = 0; a < N; ++a) out.segment<D>(static_cast<Eigen::Index>(element.nodes[a]) * D) += force.col(static_cast<Eigen::Index>(a));
+      for (size_t a = 0; a < N; ++a)
+        out.segment<D>(static_cast<Eigen::Index>(element.nodes[a]) * D) += force.col(static_cast<Eigen::Index>(a));
     }
   }
 
@@ -282,9 +293,11 @@ auto with_law(std::string_view law, Action&& action) {
   using First = std::tuple_element_t<0, AllMaterials<>>;
   decltype(action(First{})) result{};
   bool found = false;
-  std::apply([&](auto... material) { ((material.id == law ? (result = action(material), found = true) : false), ...); }, AllMaterials<>{});
+  std::apply([&](auto... material) { ((material.id == law ? (result = action(material), found = true) : false), ...); },
+             AllMaterials<>{});
   if (!found) {
-    throw InputError(fmt::format("unknown material law '{}'{}; known laws: {}", law, did_you_mean(law, material_laws()), join(material_laws())));
+    throw InputError(fmt::format("unknown material law '{}'{}; known laws: {}", law, did_you_mean(law, material_laws()),
+                                 join(material_laws())));
   }
   return result;
 }
@@ -292,10 +305,14 @@ auto with_law(std::string_view law, Action&& action) {
 template <class Action>
 auto with_shape(ElementShape shape, Action&& action) {
   switch (shape) {
-    case ElementShape::tri3: return action(std::integral_constant<ElementShape, ElementShape::tri3>{});
-    case ElementShape::tri6: return action(std::integral_constant<ElementShape, ElementShape::tri6>{});
-    case ElementShape::tet4: return action(std::integral_constant<ElementShape, ElementShape::tet4>{});
-    default: return action(std::integral_constant<ElementShape, ElementShape::tet10>{});
+    case ElementShape::tri3:
+      return action(std::integral_constant<ElementShape, ElementShape::tri3>{});
+    case ElementShape::tri6:
+      return action(std::integral_constant<ElementShape, ElementShape::tri6>{});
+    case ElementShape::tet4:
+      return action(std::integral_constant<ElementShape, ElementShape::tet4>{});
+    default:
+      return action(std::integral_constant<ElementShape, ElementShape::tet10>{});
   }
 }
 
@@ -307,9 +324,17 @@ std::unique_ptr<Term> make_solid(const Mesh& mesh, const SolidDefinition& defini
     const bool plane_stress = mesh.dimension() == 2 && definition.plane == Plane::stress;
     if (definition.formulation == Formulation::locking_free) {
       constexpr auto remedy = "use formulation = \"standard\"";
-      if (!Material::splits_volume) throw InputError(fmt::format("material law '{}' has no separate energy of volume change to average; {}", definition.law, remedy));
-      if (plane_stress) throw InputError(fmt::format("plane stress does not lock, because the thickness is free to change; {}", remedy));
-      if (order_of(mesh.shape) == 1) throw InputError(fmt::format("the locking-free formulation needs quadratic elements (a linear one has only one volume change to average); use element = \"quadratic\", or {}", remedy));
+      if (!Material::splits_volume)
+        throw InputError(fmt::format("material law '{}' has no separate energy of volume change to average; {}",
+                                     definition.law, remedy));
+      if (plane_stress)
+        throw InputError(
+            fmt::format("plane stress does not lock, because the thickness is free to change; {}", remedy));
+      if (order_of(mesh.shape) == 1)
+        throw InputError(
+            fmt::format("the locking-free formulation needs quadratic elements (a linear one has only one volume "
+                        "change to average); use element = \"quadratic\", or {}",
+                        remedy));
     }
     return with_shape(mesh.shape, [&](auto shape) -> std::unique_ptr<Term> {
       if constexpr (dimension_of(shape) == 2) {

@@ -15,10 +15,11 @@ enum class Plane { strain, stress };
 /// How the energy of volume change is sampled.
 /// standard:     at every quadrature point. Locks as nu goes to 1/2: linear elements badly, quadratic tetrahedra too.
 /// locking_free: mean dilatation, U = lambda/2 V_e (mean_e ln J)^2 in each element e. This is the mixed method with
-///               quadratic displacements and one pressure per element, with the pressure eliminated: still the minimum of
-///               an energy, with the standard element's sparsity. For quadratic elements; a linear one has a single J anyway.
-///               Valid for tensions lambda ln J below about two shear moduli; beyond, single elements buckle inside, which the
-///               standard ones do not. (The mean of J instead of ln J moves that limit to compression, where foam works.)
+///               quadratic displacements and one pressure per element, with the pressure eliminated: still the minimum
+///               of an energy, with the standard element's sparsity. For quadratic elements; a linear one has a single
+///               J anyway. Valid for tensions lambda ln J below about two shear moduli; beyond, single elements buckle
+///               inside, which the standard ones do not. (The mean of J instead of ln J moves that limit to
+///               compression, where foam works.)
 enum class Formulation { standard, locking_free };
 
 /// What a region is made of: a law of sim/materials/all.hpp and where its parameters stand in the model's table.
@@ -32,8 +33,8 @@ struct SolidDefinition {
 };
 
 /// Elastic energy of one region [J]: sum over quadrature points of weight * thickness * Psi(F). Energy +inf when J <= 0
-/// at a quadrature point. Throws InputError for an unknown law, and for the locking-free formulation where it has no meaning:
-/// linear elements, plane stress (which does not lock) and laws without a separate energy of volume change.
+/// at a quadrature point. Throws InputError for an unknown law, and for the locking-free formulation where it has no
+/// meaning: linear elements, plane stress (which does not lock) and laws without a separate energy of volume change.
 std::unique_ptr<Term> make_solid(const Mesh& mesh, const SolidDefinition& definition);
 
 /// Ids of all laws, for help texts and messages.

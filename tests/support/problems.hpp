@@ -8,8 +8,8 @@
 #include "sim/terms/load.hpp"
 
 // The plane-strain problems whose answers are tabulated in tests/verification/plane_benchmarks_test.cpp, for tests and
-// benchmarks alike. Each has one control, "force" [N] in all, and the channel "tip": the mean displacement of the loaded
-// face along the load.
+// benchmarks alike. Each has one control, "force" [N] in all, and the channel "tip": the mean displacement of the
+// loaded face along the load.
 namespace taut::test {
 
 struct Problem {
@@ -28,10 +28,12 @@ inline Problem loaded_on_xmax(SceneBuilder&& builder, const Eigen::Vector2d& dir
   return problem;
 }
 
-/// A1: cantilever 55 x 30 x 30 mm; A2 with other sizes. `grading` > 1 refines towards the clamp and both of its corners.
+/// A1: cantilever 55 x 30 x 30 mm; A2 with other sizes. `grading` > 1 refines towards the clamp and both of its
+/// corners.
 inline Problem cantilever(double L, double H, double E, double nu, int nx, int ny, int order, double grading = 1,
                           Formulation formulation = Formulation::standard) {
-  SceneBuilder builder(rectangle(graded(L, nx, grading), graded_both(H, ny, grading), order, "beam"), Plane::strain, 0.030);
+  SceneBuilder builder(rectangle(graded(L, nx, grading), graded_both(H, ny, grading), order, "beam"), Plane::strain,
+                       0.030);
   builder.add_solid("beam", "neo_hookean", {{"E", E}, {"nu", nu}}, formulation);
   return loaded_on_xmax(std::move(builder), {0, -1});
 }
@@ -47,7 +49,8 @@ inline Problem problem_a3(int per_layer, int order, double grading = 1) {
     for (size_t i = 1; i < local.size(); ++i) x.push_back(0.005 * layer + local[i]);
   }
   Mesh mesh = rectangle(x, graded_both(0.030, 6 * per_layer, grading), order, "foam");
-  assign_regions(mesh, [](const Eigen::VectorXd& c) { return static_cast<int>(c[0] / 0.005) % 2 == 0 ? "plastic" : "foam"; });
+  assign_regions(mesh,
+                 [](const Eigen::VectorXd& c) { return static_cast<int>(c[0] / 0.005) % 2 == 0 ? "plastic" : "foam"; });
   SceneBuilder builder(std::move(mesh), Plane::strain, 0.030);
   builder.add_solid("plastic", "neo_hookean", {{"E", 2.3e9}, {"nu", 0.35}});
   builder.add_solid("foam", "neo_hookean", {{"E", 5e4}, {"nu", 0.2}});
@@ -55,8 +58,8 @@ inline Problem problem_a3(int per_layer, int order, double grading = 1) {
 }
 
 /// A4: Cook's membrane, n x n cells.
-inline Problem problem_a4(int n, int order, double nu, Formulation formulation = Formulation::standard, double grading = 1,
-                          Diagonals diagonals = Diagonals::alternating) {
+inline Problem problem_a4(int n, int order, double nu, Formulation formulation = Formulation::standard,
+                          double grading = 1, Diagonals diagonals = Diagonals::alternating) {
   Mesh mesh = rectangle(graded(1, n, grading), graded_both(1, n, grading), order, "membrane", diagonals);
   map_vertices(mesh, [](const Eigen::VectorXd& s) -> Eigen::VectorXd {
     const double bottom = 0.044 * s[0], top = 0.044 + 0.016 * s[0];
