@@ -267,7 +267,7 @@ std::string Page::script(const std::string& name) const {
       "set border 3 lc rgb '#6b6b6b'\nset tics nomirror out scale 0.6\nset grid lc rgb '#dddddd' lw 1 dt solid\n"
       "set style fill transparent solid 0.22 noborder\nset format '%g'\nset errorbars 0.7\nset pointintervalbox "
       "0\nunset key\n"
-      "set xlabel offset 0,0.2\nset ylabel offset 1,0\nset multiplot\n";
+      "set xlabel offset 0,0.2\nset ylabel offset -0.6,0\nset multiplot\n";
   text += marks_ + panels_;
   return text + "unset multiplot\nset output\n}\n";
 }
