@@ -6,12 +6,10 @@
 #include <Eigen/QR>
 #include <Eigen/SVD>
 #include <algorithm>
-#include <boost/math/distributions/chi_squared.hpp>
-#include <boost/math/distributions/fisher_f.hpp>
 #include <cmath>
 #include <limits>
-#include <map>
 
+#include "calib/goodness_of_fit.hpp"
 #include "calib/units.hpp"
 #include "sim/core/error.hpp"
 
@@ -381,43 +379,6 @@ std::string explain(const ParameterEstimate& e, const Spread& spread, const std:
         " The fit ended at a bound that was set, not at what the readings prefer: widen the bound or ask whether the "
         "model fits.";
   return text;
-}
-
-double chi_squared_probability(double value, int dof) {
-  if (dof <= 0) return 1;
-  return boost::math::cdf(boost::math::complement(boost::math::chi_squared(dof), value));
-}
-
-LackOfFit lack_of_fit(const std::vector<Measurement>& measurements, double chi_squared, size_t parameters) {
-  struct Sums {
-    double w = 0, wy = 0, wyy = 0;
-    int n = 0;
-  };
-  std::map<int, Sums> groups;
-  for (const Measurement& m : measurements) {
-    Sums& sums = groups[m.group];
-    const double w = 1 / (m.sigma * m.sigma);
-    sums.w += w;
-    sums.wy += w * m.value;
-    ++sums.n;
-  }
-  double pure_error = 0;
-  for (const Measurement& m : measurements) {
-    const Sums& sums = groups[m.group];
-    pure_error += std::pow((m.value - sums.wy / sums.w) / m.sigma, 2);
-  }
-  LackOfFit result;
-  result.pure_error = pure_error;
-  result.pure_error_dof = static_cast<int>(measurements.size() - groups.size());
-  result.lack_of_fit = std::max(0.0, chi_squared - pure_error);
-  result.lack_of_fit_dof = static_cast<int>(groups.size()) - static_cast<int>(parameters);
-  result.available = result.pure_error_dof > 0 && result.lack_of_fit_dof > 0 && pure_error > 0;
-  if (result.available) {
-    result.F = (result.lack_of_fit / result.lack_of_fit_dof) / (result.pure_error / result.pure_error_dof);
-    const boost::math::fisher_f distribution(result.lack_of_fit_dof, result.pure_error_dof);
-    result.p_value = boost::math::cdf(boost::math::complement(distribution, result.F));
-  }
-  return result;
 }
 
 }  // namespace

@@ -4,6 +4,8 @@
 
 #include <stdexcept>
 
+#include "reports/html.hpp"
+
 namespace taut {
 namespace {
 
@@ -20,29 +22,6 @@ int vtk_cell_type(ElementShape shape) {
       return 24;
   }
   throw std::logic_error("vtu_text: unknown element shape");
-}
-
-std::string xml_escaped(const std::string& text) {
-  std::string out;
-  for (const char c : text) {
-    switch (c) {
-      case '&':
-        out += "&amp;";
-        break;
-      case '<':
-        out += "&lt;";
-        break;
-      case '>':
-        out += "&gt;";
-        break;
-      case '"':
-        out += "&quot;";
-        break;
-      default:
-        out += c;
-    }
-  }
-  return out;
 }
 
 /// VTK points and vectors have three components always.
@@ -83,7 +62,7 @@ std::string vtu_text(const Mesh& mesh, const Eigen::VectorXd& u) {
              "<?xml version=\"1.0\"?>\n<!-- lengths in metres; regions: {} -->\n"
              "<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"LittleEndian\">\n<UnstructuredGrid>\n"
              "<Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n",
-             xml_escaped(names), mesh.node_count(), mesh.element_count()) +
+             html::escaped(names), mesh.node_count(), mesh.element_count()) +
          "<PointData Vectors=\"displacement\">\n" +
          array("Float64", "Name=\"displacement\" NumberOfComponents=\"3\"", vectors(u, mesh.dimension())) +
          "</PointData>\n<CellData Scalars=\"region\">\n" + array("Int32", "Name=\"region\"", regions) +
@@ -99,7 +78,7 @@ std::string pvd_text(const std::vector<std::pair<double, std::string>>& files) {
       "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"0.1\" byte_order=\"LittleEndian\">\n"
       "<Collection>\n";
   for (const auto& [time, file] : files) {
-    text += fmt::format("<DataSet timestep=\"{}\" part=\"0\" file=\"{}\"/>\n", time, xml_escaped(file));
+    text += fmt::format("<DataSet timestep=\"{}\" part=\"0\" file=\"{}\"/>\n", time, html::escaped(file));
   }
   return text + "</Collection>\n</VTKFile>\n";
 }
