@@ -11,8 +11,8 @@ namespace {
 class LinearChannel final : public Channel {
  public:
   explicit LinearChannel(Eigen::VectorXd weights) : weights_(std::move(weights)) {}
-  double value(const Eigen::VectorXd& u) const override { return weights_.dot(u); }
-  Eigen::VectorXd gradient(const Eigen::VectorXd&) const override { return weights_; }
+  double value(const Point& at) const override { return weights_.dot(at.u); }
+  Eigen::VectorXd gradient(const Point&) const override { return weights_; }
 
  private:
   Eigen::VectorXd weights_;
@@ -51,13 +51,13 @@ class MarkerChannel final : public Channel {
     }
   }
 
-  double value(const Eigen::VectorXd& u) const override {
-    return foot_.dot(u) + direction_.dot(rotation(u) * standoff_ - standoff_);
+  double value(const Point& at) const override {
+    return foot_.dot(at.u) + direction_.dot(rotation(at.u) * standoff_ - standoff_);
   }
 
-  Eigen::VectorXd gradient(const Eigen::VectorXd& u) const override {
+  Eigen::VectorXd gradient(const Point& at) const override {
     // A = R S. A change dA turns R by the vector w, dR = R [w]x, with (tr(S) I - S) w = axial(R^T dA - dA^T R).
-    const Eigen::Matrix3d A = shape(u), R = polar(A), S = R.transpose() * A;
+    const Eigen::Matrix3d A = shape(at.u), R = polar(A), S = R.transpose() * A;
     const Eigen::Matrix3d G = S.trace() * Eigen::Matrix3d::Identity() - 0.5 * (S + S.transpose());
     const Eigen::Vector3d lever = G.inverse() * standoff_.cross(R.transpose() * direction_);
     Eigen::VectorXd gradient = foot_;

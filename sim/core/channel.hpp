@@ -2,17 +2,20 @@
 #include <Eigen/Core>
 #include <memory>
 
+#include "sim/core/term.hpp"
 #include "sim/mesh/mesh.hpp"
 
 namespace taut {
 
-/// One measured quantity y(u) [m] of a state, with its derivative.
+/// One measured quantity y(u; p) of a state (a displacement [m], a cable's tension [N]), with its derivatives.
 class Channel {
  public:
   virtual ~Channel() = default;
-  virtual double value(const Eigen::VectorXd& u) const = 0;
+  virtual double value(const Point& at) const = 0;
   /// dy/du, all unknowns.
-  virtual Eigen::VectorXd gradient(const Eigen::VectorXd& u) const = 0;
+  virtual Eigen::VectorXd gradient(const Point& at) const = 0;
+  /// dy/dp_index at fixed u; displacements have none.
+  virtual double parameter_derivative(const Point&, int /*index*/) const { return 0.0; }
 };
 
 /// y = weights . u: displacement of a material point, mean displacement of a face (see sim/terms/load.hpp for weights).

@@ -1,5 +1,6 @@
 #pragma once
 #include <Eigen/Core>
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -21,6 +22,12 @@ struct Cliques {
   }
 };
 
+/// One entry of the Hessian's lower triangle outside the cliques' pattern, by unknowns (row >= column).
+struct Coupling {
+  int row = 0, column = 0;
+  double value = 0;
+};
+
 /// Second derivatives as they are, or made positive semi-definite element by element. Only the exact ones are used for
 /// sensitivities, tangent stiffness and the test for a minimum.
 enum class Curvature { exact, projected };
@@ -39,6 +46,7 @@ class Assembly {
   double magnitude = 0;  ///< sum of |contributions| [J]; rounding in `energy` is about epsilon times this
   Eigen::VectorXd* gradient = nullptr;  ///< [N], all unknowns
   double* hessian = nullptr;            ///< [N/m], values of the pattern; one more slot at the end takes the rest
+  std::vector<Coupling>* couplings = nullptr;  ///< with `hessian`: entries between nodes that no clique declares
   const Eigen::VectorXd* direction = nullptr;  ///< all unknowns; with it `product` receives Hessian * direction
   Eigen::VectorXd* product = nullptr;
   Curvature curvature = Curvature::exact;
@@ -68,16 +76,22 @@ class Assembly {
         for (int c = 0; c <= r; ++c) hessian[*slot++] += K[r * n + c];
       }
     }
-    if (product != nullptr) {
+    if (product != nullptr) add_product(nodes, count, dimension, K);
+  }
+
+  /// The same for nodes that come together only in some states (contact): not of a clique, all different.
+  void add_coupling(const int* nodes, int count, int dimension, const double* K) {
+    const int n = count * dimension;
+    if (couplings != nullptr) {
       for (int r = 0; r < n; ++r) {
-        double sum = 0;
-        for (int c = 0; c < n; ++c) {
-          sum +=
-              K[r * n + c] * (*direction)[static_cast<Eigen::Index>(nodes[c / dimension]) * dimension + c % dimension];
+        for (int c = 0; c <= r; ++c) {
+          const int one = nodes[r / dimension] * dimension + r % dimension;
+          const int two = nodes[c / dimension] * dimension + c % dimension;
+          couplings->push_back({std::max(one, two), std::min(one, two), K[r * n + c]});
         }
-        (*product)[static_cast<Eigen::Index>(nodes[r / dimension]) * dimension + r % dimension] += sum;
       }
     }
+    if (product != nullptr) add_product(nodes, count, dimension, K);
   }
 
   /// Set by the model before each term: where the entries of its cliques' Hessians go.
@@ -87,12 +101,22 @@ class Assembly {
   }
 
  private:
+  void add_product(const int* nodes, int count, int dimension, const double* K) {
+    const int n = count * dimension;
+    for (int r = 0; r < n; ++r) {
+      double sum = 0;
+      for (int c = 0; c < n; ++c)
+        sum += K[r * n + c] * (*direction)[static_cast<Eigen::Index>(nodes[c / dimension]) * dimension + c % dimension];
+      (*product)[static_cast<Eigen::Index>(nodes[r / dimension]) * dimension + r % dimension] += sum;
+    }
+  }
+
   const int* slots_ = nullptr;
   const size_t* slot_offsets_ = nullptr;
 };
 
 /// One energy in joules, a pure function E(u; p) of displacements and parameters, with all its derivatives. Everything
-/// physical is a term: solids, loads, self-weight, and what comes later (cables, contact, joints, inertia).
+/// physical is a term: solids, loads, self-weight, cables, contact.
 class Term {
  public:
   virtual ~Term() = default;
@@ -103,6 +127,9 @@ class Term {
   virtual void assemble(const Point& at, Assembly& out) const = 0;
   /// Whether E depends on parameter `index` of the model's table.
   virtual bool depends_on(int index) const = 0;
+  /// Largest fraction in [0, 1] of the straight way from u to u + step that stays admissible (contact: nothing passes
+  /// through anything). 1 means that the whole way does.
+  virtual double step_limit(const Point&, const Eigen::VectorXd& /*step*/) const { return 1.0; }
   /// Adds the mixed derivative d2E/du dp_index [N per unit of the parameter] to `out`, all unknowns.
   virtual void add_parameter_gradient(const Point& at, int index, Eigen::VectorXd& out) const = 0;
 };

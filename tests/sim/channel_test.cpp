@@ -10,6 +10,8 @@
 namespace taut {
 namespace {
 
+const Params none;  // displacements do not depend on parameters
+
 using namespace test;
 
 Eigen::MatrixXd rotation(int d, double angle) {
@@ -46,12 +48,12 @@ struct Marker {
 
 void expect_gradient_by_slope(const Channel& channel, const Eigen::VectorXd& u, double size, const std::string& what) {
   std::mt19937 random(4);
-  const Eigen::VectorXd gradient = channel.gradient(u);
+  const Eigen::VectorXd gradient = channel.gradient({u, none});
   ASSERT_EQ(gradient.size(), u.size());
   for (int k = 0; k < 3; ++k) {
     const Eigen::VectorXd v = random_vector(u.size(), random);
     expect_taylor_order(
-        [&](double h) { return std::abs(channel.value(u + h * v) - channel.value(u) - h * gradient.dot(v)); }, 2, 1e-16,
+        [&](double h) { return std::abs(channel.value({u + h * v, none}) - channel.value({u, none}) - h * gradient.dot(v)); }, 2, 1e-16,
         size, 6, what);
   }
 }
@@ -60,8 +62,8 @@ TEST(LinearChannel, IsItsWeightsTimesTheDisplacement) {
   std::mt19937 random(1);
   const Eigen::VectorXd weights = random_vector(20, random), u = random_vector(20, random);
   const auto channel = make_linear_channel(weights);
-  EXPECT_EQ(channel->value(u), weights.dot(u));
-  EXPECT_EQ((channel->gradient(u) - weights).norm(), 0.0);
+  EXPECT_EQ(channel->value({u, none}), weights.dot(u));
+  EXPECT_EQ((channel->gradient({u, none}) - weights).norm(), 0.0);
 }
 
 TEST(LinearChannel, MeanOfAFaceHasTheSignOfTheDirection) {
@@ -69,7 +71,7 @@ TEST(LinearChannel, MeanOfAFaceHasTheSignOfTheDirection) {
   const Eigen::VectorXd u = rigid_motion(mesh, Eigen::Matrix3d::Identity(), vec({0.001, -0.002, 0.003}));
   for (double sign : {1.0, -1.0}) {
     const auto channel = make_linear_channel(mean_weights(mesh, mesh.select("xmax"), sign * vec({0, 5, 0})));
-    EXPECT_NEAR(channel->value(u), -0.002 * sign, 1e-17);
+    EXPECT_NEAR(channel->value({u, none}), -0.002 * sign, 1e-17);
   }
 }
 
@@ -81,7 +83,7 @@ TEST(MarkerChannel, IsExactForRigidMotions) {
       const Eigen::VectorXd t = some(marker.d, 0.02, -0.03, 0.05);
       const Eigen::VectorXd point = marker.foot_point + marker.standoff;
       const double expected = marker.direction.normalized().dot(R * point + t - point);
-      EXPECT_NEAR(marker.channel->value(rigid_motion(marker.mesh, R, t)), expected, 5e-16)
+      EXPECT_NEAR(marker.channel->value({rigid_motion(marker.mesh, R, t), none}), expected, 5e-16)
           << name_of(shape) << " " << angle;
     }
   }
@@ -108,8 +110,8 @@ TEST(MarkerChannel, WithoutStandoffIsTheDisplacementOfItsFoot) {
     const int d = mesh.dimension(), node = face.entities[0];
     const auto channel = make_marker_channel(mesh, locate(mesh, mesh.node(node)), Eigen::VectorXd::Zero(d), face,
                                              Eigen::VectorXd::Unit(d, 1));
-    EXPECT_NEAR(channel->value(u), u[node * d + 1], 1e-16);
-    EXPECT_NEAR((channel->gradient(u) - Eigen::VectorXd::Unit(u.size(), node * d + 1)).norm(), 0.0, 1e-15);
+    EXPECT_NEAR(channel->value({u, none}), u[node * d + 1], 1e-16);
+    EXPECT_NEAR((channel->gradient({u, none}) - Eigen::VectorXd::Unit(u.size(), node * d + 1)).norm(), 0.0, 1e-15);
   }
 }
 
@@ -121,11 +123,11 @@ TEST(MarkerChannel, AStandoffAboveATiltingFaceMovesAgainstTheTilt) {
       make_marker_channel(mesh, locate(mesh, vec({0.05, 0.02})), vec({0, 0.03}), mesh.select("ymax"), vec({2, 0}));
   const Eigen::VectorXd pivot = vec({0.05, 0.02});
   const Eigen::MatrixXd R = rotation(2, angle);
-  const double value = channel->value(rigid_motion(mesh, R, pivot - R * pivot));
+  const double value = channel->value({rigid_motion(mesh, R, pivot - R * pivot), none});
   EXPECT_NEAR(value, -0.03 * std::sin(angle), 1e-16);
   const auto opposite =
       make_marker_channel(mesh, locate(mesh, vec({0.05, 0.02})), vec({0, 0.03}), mesh.select("ymax"), vec({-1, 0}));
-  EXPECT_NEAR(opposite->value(rigid_motion(mesh, R, pivot - R * pivot)), 0.03 * std::sin(angle), 1e-16);
+  EXPECT_NEAR(opposite->value({rigid_motion(mesh, R, pivot - R * pivot), none}), 0.03 * std::sin(angle), 1e-16);
 }
 
 TEST(MarkerChannel, AUniformStretchDoesNotTurnIt) {
@@ -133,7 +135,7 @@ TEST(MarkerChannel, AUniformStretchDoesNotTurnIt) {
     const Marker marker(shape);
     Eigen::VectorXd u(marker.mesh.X.size());
     for (int i = 0; i < marker.mesh.node_count(); ++i) u.segment(i * marker.d, marker.d) = 0.3 * marker.mesh.node(i);
-    EXPECT_NEAR(marker.channel->value(u), 0.3 * marker.direction.normalized().dot(marker.foot_point), 1e-16);
+    EXPECT_NEAR(marker.channel->value({u, none}), 0.3 * marker.direction.normalized().dot(marker.foot_point), 1e-16);
   }
 }
 

@@ -1,0 +1,46 @@
+#pragma once
+#include <vector>
+
+#include "sim/mesh/mesh.hpp"
+
+namespace taut {
+
+/// A push-puppet module in 2D: foam cells between plastic webs, plastic lips that meet when the cables are retracted.
+/// Axis x, up y, symmetric about y = 0; the foam starts at x = 0. Lengths in metres. The defaults are the reference module.
+struct PushPuppet {
+  int cells = 4;
+  double cell_length = 11.5e-3;   ///< foam between two webs
+  double core_height = 30e-3;     ///< of the foam
+  double web_thickness = 3e-3;
+  double plate_thickness = 3e-3;  ///< base and tip plates
+  double clearance = 2e-3;        ///< between foam and lips
+  double lip_thickness = 4e-3;    ///< the right lip of each gap
+  double lip_relief = 0.5e-3;     ///< the left lip of each gap is that much thinner on both of its long sides
+  double gap_total = 17.2e-3;     ///< of all gaps of one side
+  double cable_offset = 19e-3;    ///< |y| of the cables
+  double via_inset = 0.5e-3;      ///< via points lie that far inside every lip's end
+  double stud_length = 0;         ///< tongue on the left lip's end; 0: no studs
+  double stud_thickness = 1.5e-3;
+  double stud_play = 0.2e-3;      ///< between the tongue and each side of its groove
+};
+
+/// How finely a module is meshed.
+struct PushPuppetMesh {
+  double size = 1.3e-3;  ///< elements of about this edge length
+  int lip_cells = 2;     ///< elements through a lip's thickness at least
+  int order = 2;
+};
+
+/// Throws InputError with the numbers that clash.
+void check(const PushPuppet& module);
+
+/// Regions "foam" and "plastic"; tags "base" (left face of the base plate) and "tip" (right face of the tip plate).
+/// `inset` [m] is taken off every lip's end face: a contact that holds faces a fraction of its gap apart then closes
+/// where the module's own lips do.
+Mesh mesh_push_puppet(const PushPuppet& module, const PushPuppetMesh& mesh, double inset = 0);
+
+/// Rest positions of the points of one cable in order, `side` +1 upper, -1 lower: the anchor at the base plate's left face (fixed in space),
+/// the via points, the tip plate's right face.
+std::vector<Eigen::Vector2d> cable_path(const PushPuppet& module, int side);
+
+}  // namespace taut
