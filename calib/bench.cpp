@@ -13,6 +13,20 @@
 namespace taut {
 namespace {
 
+size_t position_of_control(const Experiment& experiment, const std::string& id) {
+  const auto found = std::find_if(experiment.bench.controls.begin(), experiment.bench.controls.end(),
+                                  [&](const BenchFormat::Control& control) { return control.id == id; });
+  return static_cast<size_t>(found - experiment.bench.controls.begin());
+}
+
+/// Distance at which contact sets in [m].
+double contact_gap(const MeshSettings& settings, double diagonal) {
+  return settings.contact_gap > 0 ? settings.contact_gap : 5e-5 * diagonal;
+}
+
+/// Fraction of the contact gap that faces rest apart at the pressure [Pa] that their barrier is made for.
+constexpr double resting_distance = 0.65;
+
 Eigen::VectorXd vector_of(const std::vector<double>& values) {
   return Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
 }
@@ -31,7 +45,7 @@ ParameterSpec control_spec(const std::string& id, Quantity quantity) {
     case Quantity::line_load:
       return {id, "q", "N/m", -1e9, 1e9, "line load"};
     case Quantity::length:
-      return {id, "u", "m", -1e3, 1e3, "prescribed displacement"};
+      return {id, "u", "m", -1e3, 1e3, "prescribed displacement or retraction"};
     default:
       return {id, "F", "N", -1e9, 1e9, "force"};
   }
@@ -72,6 +86,77 @@ auto at(const Experiment& experiment, const std::string& part, Action&& action) 
   }
 }
 
+/// The cables, and what they share: k_cable and slack.
+void add_cables(const Experiment& experiment, SceneBuilder& builder, const std::map<std::string, int>& controls,
+                BenchModel& model) {
+  const CablesSettings& settings = experiment.cables;
+  auto length_of = [](const CableSettings& cable) {
+    double length = 0;
+    for (size_t i = 1; i < cable.points.size(); ++i)
+      length += (vector_of(cable.points[i]) - vector_of(cable.points[i - 1])).norm();
+    return length;
+  };
+  const double length = length_of(settings.cables.front());
+  for (const CableSettings& cable : settings.cables) {
+    if (settings.EA && std::abs(length_of(cable) - length) > 1e-9 * length) {
+      throw InputError(
+          fmt::format("EA gives cables of different lengths different stiffnesses, but all share k_cable: '{}' is "
+                      "{:.4g} mm long and "
+                      "'{}' {:.4g} mm; give k",
+                      settings.cables.front().id, 1e3 * length, cable.id, 1e3 * length_of(cable)));
+    }
+  }
+  const int k = builder.declare({"k_cable", "k", "N/m", 1e-3, 1e12, "stiffness of a whole cable", true},
+                                settings.k ? *settings.k : *settings.EA / length);
+  const int slack =
+      builder.declare({"slack", "s", "m", -1, 1, "length by which a cable exceeds its path at rest"}, settings.slack);
+  for (const CableSettings& cable : settings.cables) {
+    Cable made;
+    made.stiffness = k;
+    made.slack = slack;
+    made.smoothing = settings.smoothing;
+    if (!cable.control.empty()) made.retraction = controls.at(cable.control);
+    for (size_t i = 0; i < cable.points.size(); ++i) {
+      const Eigen::VectorXd point = vector_of(cable.points[i]);
+      const bool fixed = (i == 0 && cable.start_fixed) || (i + 1 == cable.points.size() && cable.end_fixed);
+      made.points.push_back(fixed ? CablePoint{{}, point} : CablePoint{locate(builder.mesh(), point), point});
+    }
+    at(experiment, fmt::format("cable '{}'", cable.id), [&] { builder.add_cable(made); });
+    model.cables.push_back(std::move(made));
+  }
+}
+
+/// The pressure at which two faces rest half a contact gap apart, region by region; fixed for a run. Too small, and
+/// faces come so near that the Hessian is ill-conditioned; too large, and the barrier acts within a sliver of its gap
+/// that Newton's method finds and loses again. Soft bodies bear pressures of about their modulus; what presses stiff
+/// ones together are the forces that the soft ones, the cables against them, and the loads bring.
+std::map<std::string, double> contact_pressures(const Experiment& experiment, const Trials& trials,
+                                                const SceneBuilder& builder) {
+  double softest = 1e300, force = 0;
+  for (const MaterialSettings& material : experiment.materials) softest = std::min(softest, material.constants.at("E"));
+  for (size_t k = 0; k < trials.control_values.size(); ++k) {
+    double largest = 0;
+    for (double value : trials.control_values[k]) largest = std::max(largest, std::abs(value));
+    if (trials.control_quantities[k] == Quantity::mass) force += largest * experiment.gravity;
+    if (trials.control_quantities[k] == Quantity::force) force += largest;
+  }
+  const double load = force / (0.05 * builder.mesh().diagonal() * experiment.geometry.thickness);
+  std::map<std::string, double> pressures;
+  for (const MaterialSettings& material : experiment.materials)
+    pressures[material.region] = std::min(material.constants.at("E"), 10 * softest + load);
+  return pressures;
+}
+
+void add_contact(const Experiment& experiment, const MeshSettings& settings, const Trials& trials,
+                 SceneBuilder& builder) {
+  std::map<std::string, double> pressures = contact_pressures(experiment, trials, builder);
+  if (experiment.contact.stiffness) {
+    for (auto& [region, value] : pressures) value = *experiment.contact.stiffness;
+  }
+  builder.add_contact(contact_gap(settings, builder.mesh().diagonal()), pressures, experiment.contact.obstacles,
+                      experiment.contact.grounds, experiment.contact.form);
+}
+
 }  // namespace
 
 Mesh make_mesh(const Experiment& experiment, const MeshSettings& settings) {
@@ -82,6 +167,12 @@ Mesh make_mesh(const Experiment& experiment, const MeshSettings& settings) {
     if (g.kind == "rectangle") return rectangle(axis(0), axis(1), settings.order, g.region);
     if (g.kind == "boxes") return mesh_boxes(g.boxes, settings.size, settings.order);
     if (g.kind == "polygons") return mesh_polygons(g.polygons, settings.size, settings.order);
+    if (g.kind == "push_puppet") {
+      // Closed lips rest about this far apart: taken off their faces, so that they close where the specimen's own do.
+      const PushPuppetMesh resolution{settings.size, settings.lip_cells, settings.order};
+      const double gap = contact_gap(settings, mesh_push_puppet(g.puppet, resolution).diagonal());
+      return mesh_push_puppet(g.puppet, resolution, experiment.contact.on ? 0.5 * resting_distance * gap : 0.0);
+    }
     Mesh mesh = read_msh(g.file, g.unit);
     if (mesh.dimension() != g.dimension)
       throw InputError(fmt::format("{} is a {}D mesh; set dimension = {}", g.file, mesh.dimension(), mesh.dimension()));
@@ -92,8 +183,7 @@ Mesh make_mesh(const Experiment& experiment, const MeshSettings& settings) {
   });
 }
 
-BenchModel make_model(const Experiment& experiment, const MeshSettings& settings,
-                      const std::vector<Quantity>& quantities) {
+BenchModel make_model(const Experiment& experiment, const MeshSettings& settings, const Trials& trials) {
   BenchModel result;
   SceneBuilder builder(make_mesh(experiment, settings), experiment.geometry.plane, experiment.geometry.thickness);
   const int gravity = builder.declare({"g", "g", "m/s2", 0, 1000, "acceleration of gravity"}, experiment.gravity);
@@ -109,12 +199,13 @@ BenchModel make_model(const Experiment& experiment, const MeshSettings& settings
   for (size_t k = 0; k < experiment.bench.controls.size(); ++k) {
     const BenchFormat::Control& control = experiment.bench.controls[k];
     at(experiment, fmt::format("id '{}'", control.id),
-       [&] { result.controls.push_back(declare_control(builder, control.id, quantities[k], 0.0)); });
+       [&] { result.controls.push_back(declare_control(builder, control.id, trials.control_quantities[k], 0.0)); });
     control_index[control.id] = result.controls.back();
   }
   for (const SupportSettings& support : experiment.supports) {
     at(experiment, fmt::format("[[support]] on '{}'", support.on), [&] {
       builder.fix(support.on, support.fix);
+      if (support.rotation_stiffness) builder.add_elastic_clamp(support.on, *support.rotation_stiffness);
       if (!support.control.empty()) builder.prescribe(support.on, support.component, control_index.at(support.control));
     });
   }
@@ -130,9 +221,21 @@ BenchModel make_model(const Experiment& experiment, const MeshSettings& settings
       add_load(builder, load, control, gravity);
     });
   }
+  if (!experiment.cables.cables.empty())
+    at(experiment, "[cables]", [&] { add_cables(experiment, builder, control_index, result); });
+  if (experiment.contact.on) at(experiment, "[contact]", [&] { add_contact(experiment, settings, trials, builder); });
   for (const ChannelSettings& channel : experiment.channels) {
     result.channels.push_back({channel.id, at(experiment, fmt::format("[[channel]] '{}'", channel.id),
                                               [&] { return make_channel(builder.mesh(), channel); })});
+  }
+  if (!experiment.zero_offset_per.empty()) {
+    const size_t k = position_of_control(experiment, experiment.zero_offset_per);
+    for (double value : trials.control_values[k]) {
+      const std::string id = fmt::format("zero_{}", result.zero_offsets.size() + 1);
+      const std::string meaning = fmt::format("zero error of the readings at {} = {}", experiment.zero_offset_per,
+                                              with_unit(value, builder.parameters()[result.controls[k]].unit));
+      result.zero_offsets[value] = builder.declare({id, id, "m", -1, 1, meaning}, 0.0);
+    }
   }
   result.scene = at(experiment, "the model", [&] { return builder.build(); });
   return result;
@@ -140,21 +243,31 @@ BenchModel make_model(const Experiment& experiment, const MeshSettings& settings
 
 StaticBench make_static_bench(const Experiment& experiment, const MeshSettings& settings, const Trials& trials) {
   StaticBench bench;
+  BenchModel model = make_model(experiment, settings, trials);
+  const size_t offset_control =
+      experiment.zero_offset_per.empty() ? 0 : position_of_control(experiment, experiment.zero_offset_per);
   std::vector<StaticRow> rows;
   for (const Reading& reading : trials.readings) {
     const auto same = std::find_if(rows.begin(), rows.end(), [&](const StaticRow& row) {
       return row.channel == reading.channel && row.controls == reading.controls;
     });
     const int row = static_cast<int>(same - rows.begin());
-    if (same == rows.end()) rows.push_back({reading.controls, reading.channel});
+    const auto offset = model.zero_offsets.empty() ? model.zero_offsets.end()
+                                                   : model.zero_offsets.find(reading.controls[offset_control]);
+    const int zero_offset = offset == model.zero_offsets.end() ? -1 : offset->second;
+    if (same == rows.end()) rows.push_back({reading.controls, reading.channel, zero_offset});
     bench.row_of_reading.push_back(row);
     bench.measurements.push_back({row, reading.value, reading.sigma, row});
   }
-  BenchModel model = make_model(experiment, settings, trials.control_quantities);
   StaticProtocol::Options options;
   options.equilibrium = experiment.equilibrium;
   options.threads = experiment.threads;
   options.from_unloaded = experiment.from_unloaded;
+  for (size_t k = 0; k < experiment.bench.controls.size(); ++k) {
+    if (experiment.cables.columns.count(experiment.bench.controls[k].id) > 0)
+      options.set_first.push_back(static_cast<int>(k));
+  }
+  options.equilibrium.check_path = !options.set_first.empty();
   bench.protocol = std::make_unique<StaticProtocol>(std::move(model.scene), std::move(model.channels), model.controls,
                                                     model.switched_off_at_rest, rows, options);
   return bench;

@@ -1,4 +1,5 @@
 #pragma once
+#include <map>
 #include <memory>
 #include <vector>
 
@@ -16,12 +17,14 @@ Mesh make_mesh(const Experiment& experiment, const MeshSettings& settings);
 struct BenchModel {
   Scene scene;
   std::vector<NamedChannel> channels;
+  std::vector<Cable> cables;              ///< as experiment.cables has them
   std::vector<int> controls;              ///< table index per entry of experiment.bench.controls
   std::vector<int> switched_off_at_rest;  ///< gravity and constant loads
+  std::map<double, int> zero_offsets;     ///< table index by the value of the control that they go with
 };
-/// `quantities` says what each control's column holds (force, mass, ...): it decides what kind of load it is.
-BenchModel make_model(const Experiment& experiment, const MeshSettings& settings,
-                      const std::vector<Quantity>& quantities);
+/// `trials` says what each control's column holds (force, mass, ...), which decides what kind of load it is, and
+/// the values it takes. Its readings are not looked at.
+BenchModel make_model(const Experiment& experiment, const MeshSettings& settings, const Trials& trials);
 
 /// Readings as rows of a static protocol: one row per distinct (controls, channel), readings of one row are repeats.
 struct StaticBench {

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <set>
 
+#include "calib/push_puppet_settings.hpp"
 #include "calib/toml_reader.hpp"
 #include "sim/core/error.hpp"
 
@@ -54,6 +55,13 @@ void read_mesh(TableReader& table, const GeometrySettings& geometry, MeshSetting
     if (const auto size = table.optional_quantity("size", Quantity::length)) settings.size = *size;
     if (!(settings.size > 0)) table.fail("", "'size' is missing or not positive; add for example size = \"2 mm\"");
   }
+  if (geometry.kind == "push_puppet") settings.lip_cells = table.integer("lip_cells", settings.lip_cells, 1);
+  if (geometry.dimension == 2) {
+    if (const auto gap = table.optional_quantity("contact_gap", Quantity::length)) {
+      settings.contact_gap = *gap;
+      if (!(*gap > 0)) table.fail("contact_gap", "the contact gap must be positive");
+    }
+  }
   if (table.has("element")) settings.order = table.choice("element", {"quadratic", "linear"}) == "linear" ? 1 : 2;
   if (table.has("formulation")) {
     settings.formulation = table.choice("formulation", {"standard", "locking_free"}) == "standard"
@@ -68,8 +76,9 @@ void read_mesh(TableReader& table, const GeometrySettings& geometry, MeshSetting
 
 GeometrySettings read_geometry(TableReader table, const std::string& path) {
   GeometrySettings geometry;
-  geometry.kind = table.choice("kind", {"box", "rectangle", "boxes", "polygons", "msh"});
-  geometry.dimension = geometry.kind == "rectangle" || geometry.kind == "polygons" ? 2 : 3;
+  geometry.kind = table.choice("kind", {"box", "rectangle", "boxes", "polygons", "push_puppet", "msh"});
+  geometry.dimension =
+      geometry.kind == "rectangle" || geometry.kind == "polygons" || geometry.kind == "push_puppet" ? 2 : 3;
   const size_t d = static_cast<size_t>(geometry.dimension);
   if (geometry.kind == "box" || geometry.kind == "rectangle") {
     geometry.size = table.quantities("size", Quantity::length, d);
@@ -109,6 +118,8 @@ GeometrySettings read_geometry(TableReader table, const std::string& path) {
       geometry.polygons.push_back(region);
     }
     if (geometry.polygons.empty()) table.fail("", "there is no polygon; add [[geometry.polygon]] with region, x and y");
+  } else if (geometry.kind == "push_puppet") {
+    geometry.puppet = read_push_puppet(table);
   } else {
     geometry.file = beside(path, table.text("file"));
     geometry.unit = unit_factor(table.text("unit"), Quantity::length, table.where("unit"));
@@ -216,6 +227,103 @@ ChannelSettings read_channel(TableReader& table, const GeometrySettings& geometr
   return channel;
 }
 
+/// Points of a polyline from lists of coordinates x, y(, z).
+std::vector<std::vector<double>> read_points(TableReader& table, int dimension) {
+  std::vector<std::vector<double>> points;
+  for (int axis = 0; axis < dimension; ++axis) {
+    const std::vector<double> values =
+        table.quantities(components.substr(static_cast<size_t>(axis), 1), Quantity::length, points.size());
+    points.resize(values.size());
+    for (size_t i = 0; i < values.size(); ++i) points[i].push_back(values[i]);
+  }
+  return points;
+}
+
+/// The control id of a retraction's column; the same column retracts several cables.
+std::string retraction_control(TableReader& table, CablesSettings& cables) {
+  const std::string column = table.text("retraction");
+  const std::string id = parse_header(column, {Quantity::length}, table.where("retraction")).name;
+  cables.columns[id] = column;
+  return id;
+}
+
+void read_cables(TableReader table, Experiment& experiment) {
+  CablesSettings& cables = experiment.cables;
+  const GeometrySettings& geometry = experiment.geometry;
+  cables.k = table.optional_quantity("k", Quantity::stiffness);
+  cables.EA = table.optional_quantity("EA", Quantity::force);
+  if (cables.k.has_value() == cables.EA.has_value())
+    table.fail("", "give either k (the stiffness of a whole cable, \"20 kN/m\") or EA (\"1.2 kN\"; k = EA / length)");
+  if (!(cables.k.value_or(1) > 0 && cables.EA.value_or(1) > 0))
+    table.fail(cables.k ? "k" : "EA", "the stiffness must be positive");
+  cables.slack = table.optional_quantity("slack", Quantity::length).value_or(0);
+  cables.smoothing = table.optional_quantity("smoothing", Quantity::length).value_or(cables.smoothing);
+  if (cables.smoothing < 0) table.fail("smoothing", "a length of zero or more belongs here");
+  const std::string common = table.has("retraction") ? retraction_control(table, cables) : "";
+  for (TableReader& one : table.tables("cable")) {
+    CableSettings cable;
+    cable.id = one.text("id");
+    cable.control = one.has("retraction") ? retraction_control(one, cables) : common;
+    if (geometry.kind == "push_puppet" && !one.has("x")) {
+      if (cable.id != "upper" && cable.id != "lower")
+        one.fail("id", fmt::format("'{}' has no points; the module's own cables are upper and lower, others need x and "
+                                   "y",
+                                   cable.id));
+    } else {
+      cable.points = read_points(one, geometry.dimension);
+      if (cable.points.size() < 2) one.fail("x", "a cable needs at least two points");
+      const std::string fixed = one.choice("fixed", {"start", "end", "both", "none"});
+      cable.start_fixed = fixed == "start" || fixed == "both";
+      cable.end_fixed = fixed == "end" || fixed == "both";
+    }
+    one.finish();
+    cables.cables.push_back(cable);
+  }
+  if (cables.cables.empty() && geometry.kind == "push_puppet") {
+    for (const char* id : {"upper", "lower"})
+      cables.cables.emplace_back().id = id, cables.cables.back().control = common;
+  }
+  if (cables.cables.empty()) table.fail("", "there is no cable; add [[cables.cable]] with id, x and y");
+  if (geometry.kind == "push_puppet") {
+    for (CableSettings& cable : cables.cables) {
+      if (!cable.points.empty()) continue;
+      for (const Eigen::Vector2d& point : cable_path(geometry.puppet, cable.id == "upper" ? 1 : -1))
+        cable.points.push_back({point[0], point[1]});
+    }
+  }
+  table.finish();
+}
+
+void read_contact(TableReader table, Experiment& experiment) {
+  SurfaceSettings& contact = experiment.contact;
+  contact.on = table.boolean("on", true);
+  if (contact.on && experiment.geometry.dimension != 2)
+    table.fail("", "contact is for 2D geometries; remove [contact]");
+  const std::string form = table.choice("form", {"length_weighted", "pair_sum", "pair_sum_dedup"});
+  if (form != "length_weighted") {
+    contact.form = form == "pair_sum" ? ContactForm::pair_sum : ContactForm::pair_sum_dedup;
+    contact.stiffness = table.quantity("stiffness", Quantity::stiffness);
+    if (!(*contact.stiffness > 0)) table.fail("stiffness", "the stiffness must be positive");
+  } else if (table.has("stiffness")) {
+    table.fail("stiffness",
+               "the barrier's stiffness is set from materials and loads; only form = \"pair_sum\" takes one");
+  }
+  for (TableReader& one : table.tables("obstacle")) {
+    std::vector<Eigen::Vector2d>& line = contact.obstacles.emplace_back();
+    for (const std::vector<double>& point : read_points(one, 2)) line.emplace_back(point[0], point[1]);
+    if (line.size() < 2) one.fail("x", "an obstacle needs at least two points");
+    one.finish();
+  }
+  for (TableReader& one : table.tables("ground")) {
+    const std::vector<double> point = one.quantities("point", Quantity::length, 2), normal = one.numbers("normal", 2);
+    const Eigen::Vector2d n(normal[0], normal[1]);
+    if (!(n.norm() > 0)) one.fail("normal", "the normal must not be all zeros; it points to where things may be");
+    contact.grounds.push_back({{point[0], point[1]}, n.normalized()});
+    one.finish();
+  }
+  table.finish();
+}
+
 void read_bench(TableReader table, Experiment& experiment) {
   BenchFormat& bench = experiment.bench;
   bench.path = beside(experiment.path, table.text("file"));
@@ -226,6 +334,16 @@ void read_bench(TableReader table, Experiment& experiment) {
   bench.ignored = table.texts_or_none("ignore");
   if (bench.channel_column.empty() != bench.value_column.empty())
     table.fail("", "'channel' and 'value' belong together: the columns that hold a channel's id and its reading");
+  experiment.zero_offset_per = table.text("zero_offset_per", "");
+  if (!experiment.zero_offset_per.empty()) {
+    std::vector<std::string> ids;
+    for (const BenchFormat::Control& control : bench.controls) ids.push_back(control.id);
+    if (std::find(ids.begin(), ids.end(), experiment.zero_offset_per) == ids.end()) {
+      table.fail("zero_offset_per",
+                 fmt::format("'{}' is not set by the bench{}; allowed: {}", experiment.zero_offset_per,
+                             did_you_mean(experiment.zero_offset_per, ids), join(ids)));
+    }
+  }
   experiment.from_unloaded = table.choice("measured_from", {"rest", "unloaded"}) == "unloaded";
   table.finish();
   for (const BenchFormat::Channel& channel : bench.channels) {
@@ -255,6 +373,10 @@ void read_fit(TableReader table, Experiment& experiment) {
     settings.upper = free.optional_given("upper");
     free.finish();
     experiment.free.push_back(settings);
+  }
+  if (auto diagnostic = table.optional_table("diagnostic")) {
+    experiment.diagnostic = DiagnosticSettings{diagnostic->text("parameter"), diagnostic->text("per")};
+    diagnostic->finish();
   }
   for (TableReader& variant : table.tables("variant")) {
     VariantSettings settings{variant.text("name"), experiment.mesh};
@@ -297,6 +419,7 @@ void refuse_repeated_ids(const Experiment& experiment) {
     if (!support.control.empty()) check(support.control);
   }
   for (const ChannelSettings& channel : experiment.channels) check(channel.id);
+  for (const auto& [id, column] : experiment.cables.columns) check(id);
 }
 
 }  // namespace
@@ -311,6 +434,7 @@ std::string MeshSettings::describe() const {
   } else if (size > 0) {
     text += fmt::format(", elements of {}", with_unit(size, "m"));
   }
+  if (contact_gap > 0) text += fmt::format(", contact gap {}", with_unit(contact_gap, "m"));
   return text;
 }
 
@@ -373,8 +497,13 @@ Experiment read_experiment(const std::string& path) {
       support.control = table.text("id");
       support.column = table.text("column");
     }
-    if (support.fix.empty() && support.control.empty())
-      table.fail("", "a support needs 'fix' (a list of components) or 'move' with 'id' and 'column'");
+    support.rotation_stiffness = table.optional_quantity("rotation_stiffness", Quantity::rotation_stiffness);
+    if (support.rotation_stiffness && (!(*support.rotation_stiffness > 0) || d != 2 || !support.fix.empty()))
+      table.fail("rotation_stiffness",
+                 "an elastic clamp is positive, stands in a 2D model and takes the place of 'fix'");
+    if (support.fix.empty() && support.control.empty() && !support.rotation_stiffness)
+      table.fail(
+          "", "a support needs 'fix' (a list of components), 'move' with 'id' and 'column', or 'rotation_stiffness'");
     table.finish();
     experiment.supports.push_back(support);
   }
@@ -389,6 +518,12 @@ Experiment read_experiment(const std::string& path) {
     if (!support.control.empty())
       experiment.bench.controls.push_back({support.control, support.column, {Quantity::length}});
   }
+
+  if (auto cables = root.optional_table("cables")) read_cables(*cables, experiment);
+  for (const auto& [id, column] : experiment.cables.columns)
+    experiment.bench.controls.push_back({id, column, {Quantity::length}});
+  experiment.contact.on = experiment.geometry.kind == "push_puppet";
+  if (auto contact = root.optional_table("contact")) read_contact(*contact, experiment);
 
   for (TableReader& table : root.tables("channel")) {
     BenchFormat::Channel& bench = experiment.bench.channels.emplace_back();

@@ -9,25 +9,30 @@
 #include "calib/fit.hpp"
 #include "calib/trials.hpp"
 #include "sim/mesh/gmsh.hpp"
+#include "sim/mesh/push_puppet.hpp"
+#include "sim/terms/contact.hpp"
 #include "sim/terms/solid.hpp"
 
 namespace taut {
 
-/// How finely and with which elements the geometry is meshed; [mesh], and what a [[fit.variant]] changes.
+/// How finely and with which elements the geometry is resolved; [mesh], and what a [[fit.variant]] changes.
 struct MeshSettings {
   std::vector<int> cells;  ///< structured: cells along x, y(, z)
-  double size = 0;         ///< Gmsh: element size [m]
+  double size = 0;         ///< Gmsh, push_puppet: element size [m]
+  int lip_cells = 2;       ///< push_puppet: elements through a lip
   int order = 2;
   Formulation formulation = Formulation::standard;
+  double contact_gap = 0;        ///< distance at which contact sets in [m]; 0: 5e-5 of the specimen's diagonal
   std::string describe() const;  ///< "quadratic, locking-free, 14 x 5 x 5 cells"
 };
 
 struct GeometrySettings {
-  std::string kind;                  ///< box, rectangle, boxes, polygons, msh
+  std::string kind;                  ///< box, rectangle, boxes, polygons, push_puppet, msh
   std::vector<double> size, origin;  ///< box and rectangle [m]
   std::string region;
   std::vector<PolygonRegion> polygons;
   std::vector<BoxRegion> boxes;
+  PushPuppet puppet;
   std::string file;      ///< msh
   double unit = 1;       ///< msh: metres per unit of the file
   double thickness = 1;  ///< 2D [m]
@@ -43,10 +48,36 @@ struct MaterialSettings {
 
 struct SupportSettings {
   std::string on;
-  std::vector<int> fix;  ///< components
-  std::string control;   ///< a prescribed displacement: id of the control
-  int component = 0;     ///< of the prescribed displacement
-  std::string column;    ///< bench column of the control
+  std::vector<int> fix;                      ///< components
+  std::string control;                       ///< a prescribed displacement: id of the control
+  int component = 0;                         ///< of the prescribed displacement
+  std::string column;                        ///< bench column of the control
+  std::optional<double> rotation_stiffness;  ///< an elastic clamp instead [N m/rad]
+};
+
+/// One cable of [cables].
+struct CableSettings {
+  std::string id;
+  std::vector<std::vector<double>> points;     ///< rest positions along it [m]
+  bool start_fixed = true, end_fixed = false;  ///< ends that are fixed in space, not in the material
+  std::string control;                         ///< id of the control that retracts it; "": none
+};
+
+/// What all cables have in common, and each of them.
+struct CablesSettings {
+  std::optional<double> k, EA;         ///< [N/m] of the whole cable, or [N]
+  double slack = 0, smoothing = 2e-6;  ///< [m]
+  std::vector<CableSettings> cables;
+  std::map<std::string, std::string> columns;  ///< control id to bench column of the retractions
+};
+
+/// [contact]: on for push_puppet, elsewhere when the table is there.
+struct SurfaceSettings {
+  bool on = false;
+  ContactForm form = ContactForm::length_weighted;
+  std::optional<double> stiffness;  ///< pair sums only [N/m]
+  std::vector<std::vector<Eigen::Vector2d>> obstacles;
+  std::vector<GroundLine> grounds;
 };
 
 struct LoadSettings {
@@ -84,6 +115,11 @@ struct VariantSettings {
   MeshSettings mesh;
 };
 
+/// [fit.diagnostic]: the parameter fitted to the readings of each value of a control alone, the others held.
+struct DiagnosticSettings {
+  std::string parameter, per;
+};
+
 struct ReferenceValue {
   std::string parameter;
   GivenValue value;
@@ -103,8 +139,12 @@ struct Experiment {
   std::vector<ChannelSettings> channels;
   double gravity = 9.81;
   std::vector<double> gravity_direction;  ///< empty: no self-weight
+  CablesSettings cables;
+  SurfaceSettings contact;
   BenchFormat bench;
+  std::string zero_offset_per;  ///< control id: the readings at each of its values share a zero error; "": none
   bool from_unloaded = false;
+  std::optional<DiagnosticSettings> diagnostic;
   std::vector<FreeSettings> free;
   std::vector<VariantSettings> variants;
   std::vector<ReferenceValue> references;

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <exception>
 #include <limits>
-#include <mutex>
+#include <map>
 #include <thread>
 
 #include "sim/terms/solid.hpp"
@@ -20,35 +20,86 @@ StaticProtocol::StaticProtocol(Scene scene, std::vector<NamedChannel> channels, 
       off_at_rest_(std::move(switched_off_at_rest)),
       rows_(std::move(rows)),
       options_(options) {
-  auto condition_with = [&](const std::vector<double>& values) {
-    for (size_t c = 0; c < conditions_.size(); ++c) {
-      if (conditions_[c].controls == values) return static_cast<int>(c);
-    }
-    conditions_.emplace_back().controls = values;
-    return static_cast<int>(conditions_.size()) - 1;
-  };
   for (size_t r = 0; r < rows_.size(); ++r) {
     condition_of_row_.push_back(condition_with(rows_[r].controls));
     conditions_[static_cast<size_t>(condition_of_row_.back())].rows.push_back(static_cast<int>(r));
   }
-  if (options_.from_unloaded) unloaded_ = condition_with(std::vector<double>(controls_.size(), 0.0));
-  const int cores = options_.threads > 0 ? options_.threads : static_cast<int>(std::thread::hardware_concurrency());
-  const int count = std::clamp(cores, 1, std::max(1, static_cast<int>(conditions_.size())));
-  for (int i = 0; i < count; ++i)
-    workspaces_.push_back(std::make_unique<Equilibrium>(*scene_.model, options_.equilibrium));
+  make_paths();
+}
+
+int StaticProtocol::condition_with(const std::vector<double>& controls) {
+  for (size_t c = 0; c < conditions_.size(); ++c) {
+    if (conditions_[c].controls == controls) return static_cast<int>(c);
+  }
+  conditions_.emplace_back().controls = controls;
+  return static_cast<int>(conditions_.size()) - 1;
+}
+
+/// The controls with all that is not set first at zero.
+std::vector<double> StaticProtocol::before_loads(std::vector<double> controls) const {
+  for (size_t k = 0; k < controls.size(); ++k) {
+    if (std::find(options_.set_first.begin(), options_.set_first.end(), static_cast<int>(k)) ==
+        options_.set_first.end())
+      controls[k] = 0;
+  }
+  return controls;
+}
+
+void StaticProtocol::make_paths() {
+  const size_t read = conditions_.size();  // conditions that rows read; those of unloaded states come after
+  for (size_t c = 0; c < read; ++c) {
+    if (!options_.from_unloaded && options_.set_first.empty()) continue;
+    const int unloaded = condition_with(before_loads(conditions_[c].controls));
+    if (options_.from_unloaded) conditions_[c].unloaded = unloaded;
+    if (!options_.set_first.empty() && unloaded != static_cast<int>(c)) conditions_[c].parent = unloaded;
+  }
+  std::map<int, std::vector<int>> loaded;  // unloaded state to the conditions that start from it
+  for (size_t c = 0; c < conditions_.size(); ++c) {
+    if (conditions_[c].parent < 0)
+      loaded[static_cast<int>(c)];
+    else
+      loaded[conditions_[c].parent].push_back(static_cast<int>(c));
+  }
+  // Loads are hung one after the other where each only adds to the last.
+  auto size_of = [&](int c) {
+    double sum = 0;
+    for (double value : conditions_[static_cast<size_t>(c)].controls) sum += std::abs(value);
+    return sum;
+  };
+  auto adds_to = [&](int more, int less) {
+    const auto &a = conditions_[static_cast<size_t>(more)].controls,
+               &b = conditions_[static_cast<size_t>(less)].controls;
+    for (size_t k = 0; k < a.size(); ++k) {
+      if (a[k] * b[k] < 0 || std::abs(a[k]) < std::abs(b[k])) return false;
+    }
+    return true;
+  };
+  for (auto& [unloaded, list] : loaded) {
+    std::stable_sort(list.begin(), list.end(), [&](int a, int b) { return size_of(a) < size_of(b); });
+    for (size_t i = 1; i < list.size(); ++i) {
+      if (adds_to(list[i], list[i - 1])) conditions_[static_cast<size_t>(list[i])].parent = list[i - 1];
+    }
+    Path& path = paths_.emplace_back();
+    path.conditions.push_back(unloaded);
+    path.conditions.insert(path.conditions.end(), list.begin(), list.end());
+  }
 }
 
 void StaticProtocol::forget() {
   for (Condition& condition : conditions_) condition.solved = false;
 }
 
-std::string StaticProtocol::describe(const Condition& condition, const Params& p) const {
+std::string StaticProtocol::describe(const Condition& condition) const {
   std::string text;
   for (size_t k = 0; k < controls_.size(); ++k) {
     const ParameterSpec& spec = parameters()[controls_[k]];
     text += fmt::format("{}{} = {:.6g} {}", k == 0 ? "" : ", ", spec.id, condition.controls[k], spec.unit);
   }
-  text += " with";
+  return text;
+}
+
+std::string StaticProtocol::describe_parameters(const Params& p) const {
+  std::string text;
   for (int i = 0; i < parameters().size(); ++i) {
     if (std::find(controls_.begin(), controls_.end(), i) != controls_.end()) continue;
     text += fmt::format(" {} = {:.6g}", parameters()[i].id, p[i]);
@@ -56,8 +107,7 @@ std::string StaticProtocol::describe(const Condition& condition, const Params& p
   return text;
 }
 
-/// Whether an equilibrium at `from` is a better start for `to` than the rest shape is: stiffnesses within a factor
-/// of 1.5.
+/// Whether an equilibrium at `from` is a better start for `to` than the path is: stiffnesses within a factor of 1.5.
 bool StaticProtocol::near(const Params& from, const Params& to) const {
   for (int i = 0; i < parameters().size(); ++i) {
     if (parameters()[i].logarithmic && !(from[i] < 1.5 * to[i] && to[i] < 1.5 * from[i])) return false;
@@ -74,23 +124,29 @@ void StaticProtocol::solve_condition(Condition& condition, const Params& p, cons
   if (condition.solved && near(condition.p, target)) {
     // Predict from the last equilibrium; a stiffness by its reciprocal, in which displacements of a linear solid are
     // linear.
-    Eigen::VectorXd u = condition.u;
+    Eigen::VectorXd step = Eigen::VectorXd::Zero(condition.u.size());
     for (size_t k = 0; k < condition.sensitivity_of.size(); ++k) {
       const int index = condition.sensitivity_of[k];
       const double from = condition.p[index], to = target[index];
-      u += (parameters()[index].logarithmic ? from * (1 - from / to) : to - from) *
-           condition.sensitivities.col(static_cast<Eigen::Index>(k));
+      step += (parameters()[index].logarithmic ? from * (1 - from / to) : to - from) *
+              condition.sensitivities.col(static_cast<Eigen::Index>(k));
     }
-    equilibrium.start_at(u, target);
+    equilibrium.start_beyond(condition.u, step, target);
     total = equilibrium.solve(target);
     // A start that is not on the protocol's path may end in a spurious equilibrium with folded elements.
     done = total.status == SolveStatus::converged && smallest_jacobian(scene_.model->mesh(), equilibrium.u()) > 0;
   }
   if (!done && total.status != SolveStatus::interrupted) {
-    Params rest = target;
-    for (int index : controls_) rest[index] = 0;
-    for (int index : off_at_rest_) rest[index] = 0;
-    equilibrium.start_at_rest(rest);
+    if (condition.parent < 0) {
+      Params rest = target;
+      for (int index : controls_) rest[index] = 0;
+      for (int index : off_at_rest_) rest[index] = 0;
+      equilibrium.start_at_rest(rest);
+    } else {
+      const Condition& parent = conditions_[static_cast<size_t>(condition.parent)];
+      const bool there = equilibrium.has_factor() && equilibrium.p() == parent.p && equilibrium.u() == parent.u;
+      if (!there) equilibrium.start_at(parent.u, parent.p);
+    }
     SolveReport report = equilibrium.solve(target);
     report.factorisations += total.factorisations;
     report.iterations += total.iterations;
@@ -106,20 +162,37 @@ void StaticProtocol::solve_condition(Condition& condition, const Params& p, cons
   condition.sensitivities = free.empty() ? Eigen::MatrixXd() : equilibrium.sensitivities(free);
 }
 
+void StaticProtocol::solve_path(Path& path, const Params& p, const std::vector<int>& free) {
+  if (!path.equilibrium) path.equilibrium = std::make_unique<Equilibrium>(*scene_.model, options_.equilibrium);
+  for (int c : path.conditions) {
+    Condition& condition = conditions_[static_cast<size_t>(c)];
+    const Condition* parent = condition.parent < 0 ? nullptr : &conditions_[static_cast<size_t>(condition.parent)];
+    if (parent != nullptr && parent->report.status != SolveStatus::converged) {
+      condition.report = {};
+      condition.report.status = parent->report.status;
+      condition.report.not_tried = true;
+    } else {
+      solve_condition(condition, p, free, *path.equilibrium);
+    }
+  }
+}
+
 Prediction StaticProtocol::predict(const Params& p, const std::vector<int>& free) {
-  // Each condition depends on its own past only, so which thread solves it, and when, does not matter.
+  // Each path depends on its own past only, so which thread solves it, and when, does not matter.
+  const int cores = options_.threads > 0 ? options_.threads : static_cast<int>(std::thread::hardware_concurrency());
+  const size_t count_of_threads =
+      static_cast<size_t>(std::clamp(cores, 1, std::max(1, static_cast<int>(paths_.size()))));
   std::atomic<size_t> next{0};
-  std::vector<std::exception_ptr> errors(workspaces_.size());
+  std::vector<std::exception_ptr> errors(count_of_threads);
   auto work = [&](size_t thread) {
     try {
-      for (size_t c = next++; c < conditions_.size(); c = next++)
-        solve_condition(conditions_[c], p, free, *workspaces_[thread]);
+      for (size_t i = next++; i < paths_.size(); i = next++) solve_path(paths_[i], p, free);
     } catch (...) {
       errors[thread] = std::current_exception();
     }
   };
   std::vector<std::thread> threads;
-  for (size_t i = 1; i < workspaces_.size(); ++i) threads.emplace_back(work, i);
+  for (size_t i = 1; i < count_of_threads; ++i) threads.emplace_back(work, i);
   work(0);
   for (std::thread& thread : threads) thread.join();
   for (const std::exception_ptr& error : errors) {
@@ -131,8 +204,9 @@ Prediction StaticProtocol::predict(const Params& p, const std::vector<int>& free
     factorisations_ += condition.report.factorisations;
     newton_iterations_ += condition.report.iterations;
     if (condition.report.status != SolveStatus::converged) {
-      prediction.failures.push_back(
-          fmt::format("no equilibrium at {}: {}", describe(condition, p), condition.report.message()));
+      prediction.failures.push_back(fmt::format(
+          "no equilibrium at {} with{}: {}", describe(condition), describe_parameters(p),
+          condition.report.not_tried ? "the state that it starts from failed" : condition.report.message()));
     }
   }
   const Eigen::Index count = row_count(), k = static_cast<Eigen::Index>(free.size());
@@ -140,15 +214,29 @@ Prediction StaticProtocol::predict(const Params& p, const std::vector<int>& free
   if (k > 0) prediction.derivatives = Eigen::MatrixXd::Constant(count, k, std::numeric_limits<double>::quiet_NaN());
   auto converged = [](const Condition& c) { return c.report.status == SolveStatus::converged; };
   for (Eigen::Index r = 0; r < count; ++r) {
+    const StaticRow& row = rows_[static_cast<size_t>(r)];
     const Condition& condition = conditions_[static_cast<size_t>(condition_of_row_[static_cast<size_t>(r)])];
-    const Channel& channel = *channels_[static_cast<size_t>(rows_[static_cast<size_t>(r)].channel)].channel;
-    const Condition* unloaded = unloaded_ < 0 ? nullptr : &conditions_[static_cast<size_t>(unloaded_)];
+    const Channel& channel = *channels_[static_cast<size_t>(row.channel)].channel;
+    const Condition* unloaded =
+        condition.unloaded < 0 ? nullptr : &conditions_[static_cast<size_t>(condition.unloaded)];
     if (!converged(condition) || (unloaded != nullptr && !converged(*unloaded))) continue;
-    prediction.values[r] = channel.value(condition.u) - (unloaded != nullptr ? channel.value(unloaded->u) : 0.0);
-    if (k == 0) continue;
-    prediction.derivatives.row(r) = channel.gradient(condition.u).transpose() * condition.sensitivities;
-    if (unloaded != nullptr)
-      prediction.derivatives.row(r) -= channel.gradient(unloaded->u).transpose() * unloaded->sensitivities;
+    const Point at{condition.u, condition.p};
+    prediction.values[r] = channel.value(at);
+    if (k > 0) prediction.derivatives.row(r) = channel.gradient(at).transpose() * condition.sensitivities;
+    for (Eigen::Index i = 0; i < k; ++i)
+      prediction.derivatives(r, i) += channel.parameter_derivative(at, free[static_cast<size_t>(i)]);
+    if (unloaded != nullptr) {
+      const Point before{unloaded->u, unloaded->p};
+      prediction.values[r] -= channel.value(before);
+      if (k > 0) prediction.derivatives.row(r) -= channel.gradient(before).transpose() * unloaded->sensitivities;
+      for (Eigen::Index i = 0; i < k; ++i)
+        prediction.derivatives(r, i) -= channel.parameter_derivative(before, free[static_cast<size_t>(i)]);
+    }
+    if (row.offset < 0) continue;
+    prediction.values[r] += p[row.offset];
+    for (Eigen::Index i = 0; i < k; ++i) {
+      if (free[static_cast<size_t>(i)] == row.offset) prediction.derivatives(r, i) += 1;
+    }
   }
   return prediction;
 }

@@ -14,8 +14,8 @@ namespace taut {
 struct Prediction {
   Eigen::VectorXd values;       ///< one per row, SI; NaN where the simulation failed
   Eigen::MatrixXd derivatives;  ///< rows x free parameters, SI; empty when not asked for
-  std::vector<std::string>
-      failures;  ///< one sentence per failed condition: which rows, what happened, at which parameters
+  /// One sentence per failed condition: which rows, what happened, at which parameters.
+  std::vector<std::string> failures;
   bool complete() const { return failures.empty(); }
 };
 
@@ -38,6 +38,7 @@ class Protocol {
 struct StaticRow {
   std::vector<double> controls;  ///< SI, in the order of StaticProtocol's control parameters
   int channel = 0;
+  int offset = -1;  ///< table index of a parameter that is added to the reading (a zero error); -1: none
 };
 
 /// A channel with its name.
@@ -46,16 +47,19 @@ struct NamedChannel {
   std::unique_ptr<Channel> channel;
 };
 
-/// Equilibria under dead loads and prescribed displacements, one per distinct set of controls, each on its own path
-/// from the rest shape (all controls and gravity zero). Rows that share their controls share the solve; different
-/// controls run on all threads, and the number of threads does not change a bit of the result.
+/// Equilibria under controls: dead loads, prescribed displacements, cable retractions. A path starts at rest (all
+/// controls and gravity zero). Controls named in Options::set_first (retractions) are brought to their values first,
+/// with all others zero; from that state the others follow, from small to large, each from the last one's equilibrium.
+/// Rows that share set_first share the path up to there; without set_first each distinct set of controls has a path of
+/// its own. Rows that share all their controls share the solve. Paths run on all threads, and the number of threads
+/// does not change a bit of the result.
 class StaticProtocol final : public Protocol {
  public:
   struct Options {
     EquilibriumOptions equilibrium;
-    int threads = 0;  ///< 0: as many as there are cores
-    bool from_unloaded =
-        false;  ///< displacements are measured from the state in which all controls are zero, not from rest
+    int threads = 0;             ///< 0: as many as there are cores
+    std::vector<int> set_first;  ///< positions among `controls` of those that a path sets before the others
+    bool from_unloaded = false;  ///< displacements are measured from the state before the loads, not from rest
   };
 
   /// `controls` are table indices of the loads that rows set, `switched_off_at_rest` further ones (gravity) that the
@@ -72,12 +76,15 @@ class StaticProtocol final : public Protocol {
   const Scene& scene() const { return scene_; }
   const std::vector<StaticRow>& rows() const { return rows_; }
   const std::vector<int>& controls() const { return controls_; }  ///< table indices of what rows set
+  const std::vector<NamedChannel>& channels() const { return channels_; }
 
   /// A distinct set of controls, its last equilibrium and what it took.
   struct Condition {
     std::vector<double> controls;
-    std::vector<int> rows;
-    bool solved = false;  ///< u is an equilibrium at p, fit to start the next solve from
+    std::vector<int> rows;  ///< none: a state that others start or are measured from
+    int parent = -1;        ///< the condition that its path comes from; -1: rest
+    int unloaded = -1;      ///< the condition that its displacements are measured from; -1: rest
+    bool solved = false;    ///< u is an equilibrium at p, fit to start the next solve from
     Params p;
     Eigen::VectorXd u;                ///< [m], all unknowns
     Eigen::MatrixXd sensitivities;    ///< du/dp of the parameters that were asked for last
@@ -90,10 +97,19 @@ class StaticProtocol final : public Protocol {
   int newton_iterations() const { return newton_iterations_; }
 
  private:
+  struct Path {
+    std::vector<int> conditions;  ///< in the order in which they are solved
+    std::unique_ptr<Equilibrium> equilibrium;
+  };
+  int condition_with(const std::vector<double>& controls);
+  std::vector<double> before_loads(std::vector<double> controls) const;
+  void make_paths();
+  void solve_path(Path& path, const Params& p, const std::vector<int>& free);
   void solve_condition(Condition& condition, const Params& p, const std::vector<int>& free,
                        Equilibrium& equilibrium) const;
   bool near(const Params& from, const Params& to) const;
-  std::string describe(const Condition& condition, const Params& p) const;
+  std::string describe(const Condition& condition) const;
+  std::string describe_parameters(const Params& p) const;
 
   Scene scene_;
   std::vector<NamedChannel> channels_;
@@ -102,8 +118,7 @@ class StaticProtocol final : public Protocol {
   Options options_;
   std::vector<Condition> conditions_;
   std::vector<int> condition_of_row_;
-  int unloaded_ = -1;  ///< condition with all controls zero, when displacements are measured from it
-  std::vector<std::unique_ptr<Equilibrium>> workspaces_;  ///< one per thread, kept for their symbolic analyses
+  std::vector<Path> paths_;
   int factorisations_ = 0, newton_iterations_ = 0;
 };
 

@@ -382,6 +382,10 @@ Trials read_trials(const BenchFormat& format) {
       trials.readings.push_back(reading);
     }
   }
+  trials.control_values.resize(trials.control_ids.size());
+  for (const Reading& reading : trials.readings) {
+    for (size_t k = 0; k < reading.controls.size(); ++k) trials.control_values[k].insert(reading.controls[k]);
+  }
   trials.remarks = remarks_of(table, format, columns, trials);
   return trials;
 }

@@ -1,4 +1,5 @@
 #pragma once
+#include <set>
 #include <string>
 #include <vector>
 
@@ -50,7 +51,8 @@ struct BenchFormat {
 /// All readings of a bench, repeats kept.
 struct Trials {
   std::vector<std::string> control_ids;
-  std::vector<Quantity> control_quantities;  ///< e.g. mass for "mass_g": the caller turns masses into forces
+  std::vector<std::set<double>> control_values;  ///< all values of each control in the file, SI
+  std::vector<Quantity> control_quantities;      ///< e.g. mass for "mass_g": the caller turns masses into forces
   std::vector<std::string> channel_ids;
   std::vector<Reading> readings;
   std::vector<std::string> remarks;  ///< what was recognised, for people: "semicolons and decimal commas", "BOM", ...

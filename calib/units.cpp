@@ -65,6 +65,7 @@ constexpr Unit kUnits[] = {
     {Quantity::stiffness, "N/m", 1.0},
     {Quantity::stiffness, "N/mm", 1e3},
     {Quantity::stiffness, "kN/m", 1e3},
+    {Quantity::rotation_stiffness, "Nm/rad", 1.0},
     {Quantity::line_load, "N/m", 1.0},
     {Quantity::line_load, "N/mm", 1e3},
 };
@@ -186,6 +187,8 @@ std::string_view name_of(Quantity quantity) {
       return "angle";
     case Quantity::stiffness:
       return "stiffness";
+    case Quantity::rotation_stiffness:
+      return "rotation stiffness";
     case Quantity::line_load:
       return "line load";
   }

@@ -18,6 +18,7 @@ enum class Quantity {
   time,
   angle,
   stiffness,
+  rotation_stiffness,
   line_load
 };
 

@@ -155,6 +155,13 @@ std::vector<std::string> warnings_after(const StaticProtocol& protocol) {
           fmt::format("at controls ({}) the straight path became unstable (buckling); the equilibrium on the side of "
                       "lower energy was taken",
                       where));
+    if (condition.report.slipped) {
+      warnings.push_back(
+          fmt::format("at controls ({}) the path slipped to another equilibrium, {:.3g} % of the way from the state "
+                      "before: several exist there, and the specimen may be in another one; leave this row out or hang "
+                      "smaller loads",
+                      where, 100 * condition.report.slipped_after));
+    }
     if (condition.smallest_jacobian <= 0) {
       warnings.push_back(
           fmt::format("at controls ({}) an element has folded between its quadrature points (smallest J = {:.2g}): do "

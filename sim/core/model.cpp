@@ -6,11 +6,12 @@
 namespace taut {
 
 Model::Model(Mesh mesh, ParameterTable parameters, std::vector<std::unique_ptr<Term>> terms,
-             std::vector<Support> supports)
+             std::vector<Support> supports, std::vector<Body> bodies)
     : mesh_(std::move(mesh)),
       parameters_(std::move(parameters)),
       terms_(std::move(terms)),
-      supports_(std::move(supports)) {
+      supports_(std::move(supports)),
+      bodies_(std::move(bodies)) {
   length_scale_ = mesh_.diagonal();
   std::vector<bool> fixed(static_cast<size_t>(unknowns()), false);
   for (const Support& support : supports_) {
@@ -93,12 +94,19 @@ void Model::evaluate(const Point& at, Assembly& out) const {
   out.energy = out.magnitude = 0;
   if (out.gradient != nullptr) out.gradient->setZero(unknowns());
   if (out.hessian != nullptr) std::fill_n(out.hessian, pattern_.entries() + 1, 0.0);
+  if (out.couplings != nullptr) out.couplings->clear();
   if (out.product != nullptr) out.product->setZero(unknowns());
   for (size_t k = 0; k < terms_.size(); ++k) {
     out.use_slots(slots_[k].slots.data(), slots_[k].offsets.data());
     terms_[k]->assemble(at, out);
     if (!std::isfinite(out.energy)) return;
   }
+}
+
+double Model::step_limit(const Point& at, const Eigen::VectorXd& step) const {
+  double limit = 1;
+  for (const auto& term : terms_) limit = std::min(limit, term->step_limit(at, step));
+  return limit;
 }
 
 Eigen::VectorXd Model::parameter_gradient(const Point& at, int index) const {

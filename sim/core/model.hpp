@@ -15,6 +15,12 @@ struct Support {
   double coefficient = 0;
 };
 
+/// A connected piece of one material without supports, and the table index of its Young's modulus.
+struct Body {
+  std::vector<int> nodes;
+  int modulus = 0;
+};
+
 /// Sparsity pattern of the Hessian on the free unknowns: lower triangle, compressed columns, rows ascending.
 struct SparsePattern {
   int size = 0;
@@ -27,7 +33,8 @@ struct SparsePattern {
 /// threads may evaluate it at once.
 class Model {
  public:
-  Model(Mesh mesh, ParameterTable parameters, std::vector<std::unique_ptr<Term>> terms, std::vector<Support> supports);
+  Model(Mesh mesh, ParameterTable parameters, std::vector<std::unique_ptr<Term>> terms, std::vector<Support> supports,
+        std::vector<Body> bodies = {});
 
   const Mesh& mesh() const { return mesh_; }
   const ParameterTable& parameters() const { return parameters_; }
@@ -35,9 +42,14 @@ class Model {
   int free_unknowns() const { return pattern_.size; }
   const SparsePattern& pattern() const { return pattern_; }
   double length_scale() const { return length_scale_; }  ///< diagonal of the bounding box [m]
+  const std::vector<Body>& bodies() const { return bodies_; }
+  /// Index of an unknown among the free ones, -1 when it is supported.
+  int free_index(int unknown) const { return free_index_[static_cast<size_t>(unknown)]; }
 
   /// Energy, and the derivatives that `out` asks for (cleared first).
   void evaluate(const Point& at, Assembly& out) const;
+  /// Largest fraction in [0, 1] of the straight way from at.u to at.u + step on which nothing passes through anything.
+  double step_limit(const Point& at, const Eigen::VectorXd& step) const;
   /// d2Pi/du dp_index on all unknowns [N per unit].
   Eigen::VectorXd parameter_gradient(const Point& at, int index) const;
   /// Hessian at `at` times `direction`, all unknowns, exact curvature.
@@ -64,6 +76,7 @@ class Model {
   ParameterTable parameters_;
   std::vector<std::unique_ptr<Term>> terms_;
   std::vector<Support> supports_;
+  std::vector<Body> bodies_;
   std::vector<int> free_index_;  ///< per unknown: index among the free ones or -1
   std::vector<int> free_;        ///< unknown of each free index
   std::vector<Slots> slots_;     ///< per term

@@ -3,14 +3,44 @@
 #include <fmt/format.h>
 
 #include <Eigen/QR>
+#include <functional>
 
 #include "sim/core/error.hpp"
+#include "sim/terms/elastic_base.hpp"
 #include "sim/terms/load.hpp"
 
 namespace taut {
+namespace {
+
+/// Per node, a node that stands for the connected part of the chosen elements to which it belongs; -1 in none.
+std::vector<int> parts_of(const Mesh& mesh, const std::function<bool(int)>& chosen) {
+  std::vector<int> part(static_cast<size_t>(mesh.node_count()), -1);
+  auto root = [&](int i) {
+    while (part[static_cast<size_t>(i)] != i)
+      i = part[static_cast<size_t>(i)] = part[static_cast<size_t>(part[static_cast<size_t>(i)])];
+    return i;
+  };
+  for (int e = 0; e < mesh.element_count(); ++e) {
+    if (!chosen(e)) continue;
+    for (int a = 0; a < mesh.nodes_per_element(); ++a) {
+      const int node = mesh.element(e)[a];
+      if (part[static_cast<size_t>(node)] < 0) part[static_cast<size_t>(node)] = node;
+      part[static_cast<size_t>(root(node))] = root(mesh.element(e)[0]);
+    }
+  }
+  for (int node = 0; node < mesh.node_count(); ++node) {
+    if (part[static_cast<size_t>(node)] >= 0) part[static_cast<size_t>(node)] = root(node);
+  }
+  return part;
+}
+
+}  // namespace
 
 SceneBuilder::SceneBuilder(Mesh mesh, Plane plane, double thickness)
-    : mesh_(std::move(mesh)), plane_(plane), has_material_(mesh_.region_names.size()) {
+    : mesh_(std::move(mesh)),
+      plane_(plane),
+      has_material_(mesh_.region_names.size()),
+      modulus_(mesh_.region_names.size(), -1) {
   if (mesh_.dimension() == 2) {
     thickness_ = declare({"thickness", "t", "m", 1e-9, 1e3, "thickness out of the plane"}, thickness);
   }
@@ -49,7 +79,9 @@ void SceneBuilder::add_solid(const std::string& region, const std::string& law,
     }
     spec.id += "_" + region;
     spec.meaning += " of " + region;
+    const bool modulus = spec.id == "E_" + region;
     definition.parameters.push_back(declare(std::move(spec), found->second));
+    if (modulus) modulus_[index] = definition.parameters.back();
   }
   has_material_[index] = true;
   terms_.push_back(make_solid(mesh_, definition));
@@ -74,6 +106,18 @@ void SceneBuilder::support(const std::string& tag, int component, int control) {
 
 void SceneBuilder::fix(const std::string& tag, const std::vector<int>& components) {
   for (int component : components) support(tag, component, -1);
+}
+
+void SceneBuilder::add_elastic_clamp(const std::string& tag, double rotation_stiffness) {
+  const Tag face = mesh_.select(tag);
+  double stiffest = 0;
+  for (int index : modulus_) stiffest = std::max(stiffest, index < 0 ? 0.0 : values_[static_cast<size_t>(index)]);
+  const int rotation =
+      declare({"k_base", "c", "Nm/rad", 1e-9, 1e12, "rotation stiffness of the clamp", true}, rotation_stiffness);
+  // A hundred times what the material resists: the face's mean then moves less than the material beside it is strained.
+  terms_.push_back(make_elastic_base(mesh_, face, rotation, 100 * stiffest * values_[static_cast<size_t>(thickness_)]));
+  const std::vector<int> nodes = face.nodes();
+  clamped_.insert(clamped_.end(), nodes.begin(), nodes.end());
 }
 
 void SceneBuilder::prescribe(const std::string& tag, int component, int control) {
@@ -135,22 +179,60 @@ void SceneBuilder::add_weight(const std::string& region, double density, const E
   terms_.push_back(make_load(body_weights(mesh_, mesh_.region_index(region), direction), factors));
 }
 
+void SceneBuilder::add_cable(const Cable& cable) {
+  terms_.push_back(make_cable(mesh_, cable));
+}
+
+void SceneBuilder::add_contact(double gap, const std::map<std::string, double>& pressures,
+                               const std::vector<std::vector<Eigen::Vector2d>>& obstacles,
+                               const std::vector<GroundLine>& grounds, ContactForm form) {
+  if (mesh_.dimension() != 2) throw InputError("contact is for 2D models; leave it out in 3D");
+  ContactSettings settings;
+  settings.form = form;
+  settings.obstacles = obstacles;
+  settings.grounds = grounds;
+  settings.thickness = thickness_;
+  settings.gap = declare({"contact_gap", "dhat", "m", 1e-9, 1, "distance at which the contact barrier sets in"}, gap);
+  std::vector<int> stiffness;
+  for (const std::string& region : mesh_.region_names) {
+    stiffness.push_back(
+        declare({"contact_pressure_" + region, "kappa", form == ContactForm::length_weighted ? "Pa" : "N/m", 1e-9, 1e15,
+                 "barrier stiffness of " + region, true},
+                pressures.at(region)));
+  }
+  std::map<std::array<int, 2>, int> region_of;  // of an edge, by its nodes in ascending order
+  for (int e = 0; e < mesh_.element_count(); ++e) {
+    for (int a = 0; a < mesh_.nodes_per_element(); ++a) {
+      for (int b = 0; b < mesh_.nodes_per_element(); ++b)
+        region_of[{mesh_.element(e)[a], mesh_.element(e)[b]}] = mesh_.region[static_cast<size_t>(e)];
+    }
+  }
+  settings.edges = contact_edges(mesh_);
+  for (const std::array<int, 2>& edge : settings.edges)
+    settings.stiffness.push_back(stiffness[static_cast<size_t>(region_of.at(edge))]);
+  auto contact = std::make_unique<Contact>(mesh_, settings);
+  const Eigen::VectorXd rest = Eigen::VectorXd::Zero(mesh_.X.size());
+  const double smallest = contact->smallest_distance(rest, 2 * gap);
+  if (!(smallest > gap)) {
+    throw InputError(fmt::format(
+        "the contact gap of {:.4g} mm is larger than the smallest distance at rest, {:.4g} mm: bodies would push each "
+        "other before anything moves; choose a gap below half that distance",
+        gap * 1e3, smallest * 1e3));
+  }
+  terms_.push_back(std::move(contact));
+}
+
 /// The supports must fix all translations and rotations of every connected part, or the Hessian at rest is singular.
 void SceneBuilder::check_rigid_motions() const {
-  const int d = mesh_.dimension(), motions = d == 2 ? 3 : 6, n = mesh_.nodes_per_element();
-  std::vector<int> part(static_cast<size_t>(mesh_.node_count()));
-  for (size_t i = 0; i < part.size(); ++i) part[i] = static_cast<int>(i);
-  auto root = [&](int i) {
-    while (part[static_cast<size_t>(i)] != i)
-      i = part[static_cast<size_t>(i)] = part[static_cast<size_t>(part[static_cast<size_t>(i)])];
-    return i;
-  };
-  for (int e = 0; e < mesh_.element_count(); ++e) {
-    for (int a = 1; a < n; ++a) part[static_cast<size_t>(root(mesh_.element(e)[a]))] = root(mesh_.element(e)[0]);
-  }
+  const int d = mesh_.dimension(), motions = d == 2 ? 3 : 6;
+  const std::vector<int> part = parts_of(mesh_, [](int) { return true; });
+  auto root = [&](int i) { return part[static_cast<size_t>(i)]; };
   std::map<int, std::vector<int>> supported;  // part to its supported unknowns
   for (int e = 0; e < mesh_.element_count(); ++e) supported[root(mesh_.element(e)[0])];
   for (const auto& [dof, s] : supports_) supported[root(dof / d)].push_back(dof);
+  for (int node : clamped_) {
+    for (int i = 0; i < d; ++i) supported[root(node)].push_back(node * d + i);
+  }
   for (const auto& [representative, dofs] : supported) {
     Eigen::MatrixXd rows = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(dofs.size()), motions);
     for (size_t k = 0; k < dofs.size(); ++k) {
@@ -177,6 +259,29 @@ void SceneBuilder::check_rigid_motions() const {
   }
 }
 
+/// Connected pieces of each region that no support touches.
+std::vector<Body> SceneBuilder::bodies() const {
+  std::vector<Body> bodies;
+  for (int region = 0; region < static_cast<int>(mesh_.region_names.size()); ++region) {
+    if (modulus_[static_cast<size_t>(region)] < 0) continue;
+    const std::vector<int> part =
+        parts_of(mesh_, [&](int e) { return mesh_.region[static_cast<size_t>(e)] == region; });
+    std::map<int, Body> pieces;
+    for (int node = 0; node < mesh_.node_count(); ++node) {
+      if (part[static_cast<size_t>(node)] >= 0) pieces[part[static_cast<size_t>(node)]].nodes.push_back(node);
+    }
+    for (const auto& [dof, s] : supports_) {
+      const int piece = part[static_cast<size_t>(dof / mesh_.dimension())];
+      if (piece >= 0) pieces.erase(piece);
+    }
+    for (auto& [representative, body] : pieces) {
+      body.modulus = modulus_[static_cast<size_t>(region)];
+      bodies.push_back(std::move(body));
+    }
+  }
+  return bodies;
+}
+
 Scene SceneBuilder::build() {
   for (size_t r = 0; r < has_material_.size(); ++r) {
     if (!has_material_[r])
@@ -188,8 +293,9 @@ Scene SceneBuilder::build() {
   for (const auto& [dof, s] : supports_) supports.push_back(s);
   Scene scene;
   scene.values = Eigen::Map<const Eigen::VectorXd>(values_.data(), static_cast<Eigen::Index>(values_.size()));
-  scene.model =
-      std::make_unique<Model>(std::move(mesh_), std::move(parameters_), std::move(terms_), std::move(supports));
+  std::vector<Body> pieces = bodies();
+  scene.model = std::make_unique<Model>(std::move(mesh_), std::move(parameters_), std::move(terms_),
+                                        std::move(supports), std::move(pieces));
   return scene;
 }
 

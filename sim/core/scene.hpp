@@ -6,6 +6,8 @@
 
 #include "sim/core/model.hpp"
 #include "sim/mesh/mesh.hpp"
+#include "sim/terms/cable.hpp"
+#include "sim/terms/contact.hpp"
 #include "sim/terms/solid.hpp"
 
 namespace taut {
@@ -36,6 +38,8 @@ class SceneBuilder {
 
   /// Clamps components (0 = x, ...) of all nodes of a tag.
   void fix(const std::string& tag, const std::vector<int>& components);
+  /// Holds the mean displacement of a face at zero, and its rotation by a spring (2D). Declares "k_base" [Nm/rad].
+  void add_elastic_clamp(const std::string& tag, double rotation_stiffness);
   /// u[component] = p[control] on all nodes of a tag.
   void prescribe(const std::string& tag, int component, int control);
 
@@ -52,12 +56,23 @@ class SceneBuilder {
   /// Self-weight of a region: density [kg/m^3] and the index of the acceleration [m/s^2].
   void add_weight(const std::string& region, double density, const Eigen::VectorXd& direction, int gravity);
 
+  /// A cable by the table indices in it.
+  void add_cable(const Cable& cable);
+  /// Contact of the whole boundary with itself, and with obstacles and grounds (2D): the barrier sets in at `gap` [m]
+  /// and is as stiff as `pressures` say, region by region: the pressure [Pa] at which two faces rest half a gap apart,
+  /// and the smaller one of two different sides. Declares "contact_gap" and "contact_pressure_<region>". Throws
+  /// InputError when something is closer than the gap at rest already.
+  void add_contact(double gap, const std::map<std::string, double>& pressures,
+                   const std::vector<std::vector<Eigen::Vector2d>>& obstacles = {},
+                   const std::vector<GroundLine>& grounds = {}, ContactForm form = ContactForm::length_weighted);
+
   /// The finished scene. Throws InputError when a region has no material or the supports leave a rigid motion free.
   Scene build();
 
  private:
   void support(const std::string& tag, int component, int control);
   void check_rigid_motions() const;
+  std::vector<Body> bodies() const;
   void check_direction(const Eigen::VectorXd& direction) const;
 
   Mesh mesh_;
@@ -67,7 +82,9 @@ class SceneBuilder {
   std::vector<double> values_;
   std::vector<std::unique_ptr<Term>> terms_;
   std::vector<bool> has_material_;
+  std::vector<int> modulus_;  ///< per region: table index of its Young's modulus, -1 without one
   std::map<int, Support> supports_;
+  std::vector<int> clamped_;  ///< nodes of elastic clamps
 };
 
 }  // namespace taut

@@ -6,11 +6,12 @@
 namespace taut {
 
 /// A push-puppet module in 2D: foam cells between plastic webs, plastic lips that meet when the cables are retracted.
-/// Axis x, up y, symmetric about y = 0; the foam starts at x = 0. Lengths in metres. The defaults are the reference module.
+/// Axis x, up y, symmetric about y = 0; the foam starts at x = 0. Lengths in metres. The defaults are the reference
+/// module.
 struct PushPuppet {
   int cells = 4;
-  double cell_length = 11.5e-3;   ///< foam between two webs
-  double core_height = 30e-3;     ///< of the foam
+  double cell_length = 11.5e-3;  ///< foam between two webs
+  double core_height = 30e-3;    ///< of the foam
   double web_thickness = 3e-3;
   double plate_thickness = 3e-3;  ///< base and tip plates
   double clearance = 2e-3;        ///< between foam and lips
@@ -21,7 +22,7 @@ struct PushPuppet {
   double via_inset = 0.5e-3;      ///< via points lie that far inside every lip's end
   double stud_length = 0;         ///< tongue on the left lip's end; 0: no studs
   double stud_thickness = 1.5e-3;
-  double stud_play = 0.2e-3;      ///< between the tongue and each side of its groove
+  double stud_play = 0.2e-3;  ///< between the tongue and each side of its groove
 };
 
 /// How finely a module is meshed.
@@ -31,16 +32,19 @@ struct PushPuppetMesh {
   int order = 2;
 };
 
-/// Throws InputError with the numbers that clash.
+/// Throws InputError with the numbers that clash. With studs the play must be positive; a tongue longer than the gap at
+/// rest starts inside its groove. Without relief the faces' corners meet corner on corner: allowed, not advised.
 void check(const PushPuppet& module);
 
 /// Regions "foam" and "plastic"; tags "base" (left face of the base plate) and "tip" (right face of the tip plate).
-/// `inset` [m] is taken off every lip's end face: a contact that holds faces a fraction of its gap apart then closes
-/// where the module's own lips do.
+/// Symmetric about y = 0 to the last digit; foam is bonded to the webs only; nodes of faces that meet are not aligned.
+/// `inset` [m], less than via_inset, is taken off every lip's end face and off the sides of studs and grooves: a
+/// contact that holds faces a fraction of its gap apart then closes where the module's own lips do.
 Mesh mesh_push_puppet(const PushPuppet& module, const PushPuppetMesh& mesh, double inset = 0);
 
-/// Rest positions of the points of one cable in order, `side` +1 upper, -1 lower: the anchor at the base plate's left face (fixed in space),
-/// the via points, the tip plate's right face.
+/// Rest positions [m] of the points of one cable in order, `side` +1 upper, -1 lower: the anchor at the base plate's
+/// left face (fixed in space), the via points, the tip plate's right face. In a grooved lip the via point lies behind
+/// the groove's bottom, in a lip with a stud behind its end face.
 std::vector<Eigen::Vector2d> cable_path(const PushPuppet& module, int side);
 
 }  // namespace taut

@@ -4,6 +4,7 @@
 
 #include <limits>
 #include <stdexcept>
+#include <utility>
 
 namespace taut {
 namespace {
@@ -41,6 +42,7 @@ std::string SolveReport::message() const {
   std::string text = fmt::format("{}: {} Newton iterations, {} factorisations, {} load step{}", name_of(status),
                                  iterations, factorisations, load_steps, load_steps == 1 ? "" : "s");
   if (left_saddle) text += ", left an unstable equilibrium";
+  if (slipped) text += fmt::format(", slipped to another equilibrium after {:.3g} % of the load", 100 * slipped_after);
   if (status != SolveStatus::converged) {
     text += fmt::format(", reached {:.3g} % of the load, out-of-balance force {:.3g} N", 100 * reached, gradient);
   }
@@ -48,10 +50,7 @@ std::string SolveReport::message() const {
 }
 
 Equilibrium::Equilibrium(const Model& model, EquilibriumOptions options)
-    : model_(&model),
-      options_(options),
-      cholesky_(model.pattern()),
-      values_(static_cast<size_t>(model.pattern().entries()) + 1) {}
+    : model_(&model), options_(options), hessian_(model) {}
 
 void Equilibrium::start_at_rest(const Params& p) {
   start_at(Eigen::VectorXd::Zero(model_->unknowns()), p);
@@ -61,41 +60,33 @@ void Equilibrium::start_at(const Eigen::VectorXd& u, const Params& p) {
   u_ = u;
   p_ = p;
   has_factor_ = false;
+  hessian_.forget_couplings();
 }
 
-double Equilibrium::mean_diagonal() const {
-  const SparsePattern& pattern = model_->pattern();
-  double sum = 0;
-  for (int j = 0; j < pattern.size; ++j)
-    sum += std::abs(values_[static_cast<size_t>(pattern.columns[static_cast<size_t>(j)])]);
-  return sum / std::max(1, pattern.size);
+void Equilibrium::start_beyond(const Eigen::VectorXd& u, const Eigen::VectorXd& step, const Params& p) {
+  double fraction = 1;
+  start_at(Motion(*model_, p).admissible(u, step, p, fraction), p);
 }
 
 /// Assembles gradient and Hessian at u and factorises: exact, else projected, else projected and shifted.
 bool Equilibrium::factorise(bool& exact, const Eigen::VectorXd& u, const Params& p, Eigen::VectorXd& gradient) {
-  Assembly out;
-  out.gradient = &gradient;
-  out.hessian = values_.data();
-  out.curvature = options_.always_project ? Curvature::projected : Curvature::exact;
-  model_->evaluate({u, p}, out);
+  hessian_.assemble({u, p}, options_.always_project ? Curvature::projected : Curvature::exact, &gradient);
   exact = !options_.always_project;
-  if (cholesky_.factorise(values_)) return true;
+  if (hessian_.factorise()) return true;
   exact = false;
   ++report_.projections;
   if (buckling_) {
     // The softening is slight and of the body as a whole. Element by element projection would remove far more than that
     // and creep along; a shift just beyond it keeps the rest of the curvature.
-    const double scale = mean_diagonal();
+    const double scale = hessian_.mean_diagonal();
     for (double shift = 1e-12 * scale; shift <= 1e-4 * scale; shift *= 10) {
-      if (cholesky_.factorise(values_, shift)) return true;
+      if (hessian_.factorise(shift)) return true;
     }
   }
-  if (!options_.always_project) {
-    out.curvature = Curvature::projected;
-    model_->evaluate({u, p}, out);
-  }
-  for (double shift = 0, scale = mean_diagonal(); shift < 1e3 * scale; shift = std::max(10 * shift, 1e-8 * scale)) {
-    if (cholesky_.factorise(values_, shift)) return true;
+  if (!options_.always_project) hessian_.assemble({u, p}, Curvature::projected, &gradient);
+  for (double shift = 0, scale = hessian_.mean_diagonal(); shift < 1e3 * scale;
+       shift = std::max(10 * shift, 1e-8 * scale)) {
+    if (hessian_.factorise(shift)) return true;
     if (scale == 0 || !std::isfinite(scale)) break;
   }
   return false;
@@ -119,8 +110,9 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
   struct {
     Eigen::VectorXd u, step;
     Assembly energy;
-    double slope = 0;
+    double slope = 0, fraction = 1;
   } reference;
+  const Motion motion(*model_, p);
   Assembly energy, next;
   model_->evaluate({u, p}, energy);
   if (!std::isfinite(energy.energy)) return {SolveStatus::infeasible_start, false};
@@ -135,7 +127,7 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
     if (!factorise(exact, u, p, gradient)) return {SolveStatus::stalled, false};
     ++report_.iterations;
     const Eigen::VectorXd free_gradient = model_->restrict_to_free(gradient);
-    const Eigen::VectorXd free_step = -cholesky_.solve(free_gradient);
+    const Eigen::VectorXd free_step = -hessian_.solve(free_gradient);
     if (!free_step.allFinite()) return {SolveStatus::stalled, false};
     report_.gradient = largest(free_gradient);
     const double slope = free_gradient.dot(free_step);  // < 0, twice the predicted decrease
@@ -150,15 +142,18 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
              free_trial.norm() <= 0.9 * free_gradient.norm();
     };
 
-    trial = u + step;
+    double fraction = 1;
+    trial = motion.admissible(u, step, p, fraction);
+    if (fraction == 0) return {SolveStatus::stalled, false};
     model_->evaluate({trial, p}, next);
     // The Newton step is the error estimate. A last full step costs no factorisation and leaves an error of its square.
     if (largest(free_step) <= tolerance) {
       if (next.energy <= energy.energy + noise) u = trial;
       return {SolveStatus::converged, exact};
     }
-    if (!on_trust) reference = {u, step, energy, slope};
-    const bool sufficient = next.energy <= reference.energy.energy + 1e-4 * reference.slope || better_by_gradient();
+    if (!on_trust) reference = {u, step, energy, slope, fraction};
+    const bool sufficient =
+        next.energy <= reference.energy.energy + 1e-4 * reference.fraction * reference.slope || better_by_gradient();
     if (sufficient || (!on_trust && std::isfinite(next.energy))) {
       on_trust = !sufficient;
       u = trial;
@@ -167,15 +162,15 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
     }
 
     on_trust = false;
-    double fraction = 0.5;
-    for (; fraction > 1e-9; fraction *= 0.5) {
-      trial = reference.u + fraction * reference.step;
+    const double shortest = 1e-9 * reference.fraction;
+    for (fraction = 0.5 * reference.fraction; fraction > shortest; fraction *= 0.5) {
+      trial = motion.admissible(reference.u, reference.step, p, fraction);
       model_->evaluate({trial, p}, next);
       if (next.energy <= reference.energy.energy + 1e-4 * fraction * reference.slope) break;
     }
-    u = fraction > 1e-9 ? trial : reference.u;
-    energy = fraction > 1e-9 ? next : reference.energy;
-    if (fraction > 1e-9) continue;
+    u = fraction > shortest ? trial : reference.u;
+    energy = fraction > shortest ? next : reference.energy;
+    if (fraction > shortest) continue;
     // No acceptable step; when even the predicted decrease is below what rounding lets us see, this is the floor.
     const bool floor = std::abs(reference.slope) <= 10 * epsilon * reference.energy.magnitude;
     return {floor ? SolveStatus::converged : SolveStatus::stalled, false};
@@ -186,27 +181,27 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
 /// At a stationary point whose exact Hessian is not positive definite: finds the direction of the lowest eigenvalue by
 /// inverse iteration and steps along it, to the side of lower energy. False when there is no negative curvature.
 bool Equilibrium::leave_saddle(Eigen::VectorXd& u, const Params& p) {
-  Assembly out;
-  out.hessian = values_.data();
-  model_->evaluate({u, p}, out);
-  const double scale = mean_diagonal();
+  const Assembly out = hessian_.assemble({u, p}, Curvature::exact, nullptr);
+  const double scale = hessian_.mean_diagonal();
   double shift = 1e-10 * scale;
-  while (!cholesky_.factorise(values_, shift)) {
+  while (!hessian_.factorise(shift)) {
     shift *= 10;
     if (!(shift < 1e3 * scale)) return false;
   }
   Eigen::VectorXd mode(model_->free_unknowns());
   for (Eigen::Index i = 0; i < mode.size(); ++i) mode[i] = 1.0 + 0.5 * std::sin(1.0 + 0.7 * static_cast<double>(i));
-  for (int iteration = 0; iteration < 20; ++iteration) mode = cholesky_.solve(mode.normalized());
+  for (int iteration = 0; iteration < 20; ++iteration) mode = hessian_.solve(mode.normalized());
   mode /= largest(mode);
   const Eigen::VectorXd direction = model_->extend_from_free(mode);
   if (!(model_->hessian_times({u, p}, direction).dot(direction) < 0)) return false;
   Eigen::VectorXd best;
+  const Motion motion(*model_, p);
   double lowest = infinity;
   for (double amplitude = 1e-2 * model_->length_scale();
        amplitude > 1e-6 * model_->length_scale() && lowest == infinity; amplitude *= 0.5) {
     for (double sign : {1.0, -1.0}) {
-      const Eigen::VectorXd candidate = u + sign * amplitude * direction;
+      double fraction = amplitude;
+      const Eigen::VectorXd candidate = motion.admissible(u, sign * direction, p, fraction);
       Assembly energy;
       model_->evaluate({candidate, p}, energy);
       if (energy.energy < out.energy && energy.energy < lowest) {
@@ -230,10 +225,8 @@ SolveStatus Equilibrium::settle(Eigen::VectorXd& u, const Params& p) {
       has_factor_ = result.exact_factor;
       return SolveStatus::converged;
     }
-    Assembly out;
-    out.hessian = values_.data();
-    model_->evaluate({u, p}, out);
-    has_factor_ = cholesky_.factorise(values_);
+    hessian_.assemble({u, p}, Curvature::exact, nullptr);
+    has_factor_ = hessian_.factorise();
     if (has_factor_) return SolveStatus::converged;
     if (!leave_saddle(u, p)) break;
     report_.left_saddle = buckling_ = true;
@@ -253,7 +246,7 @@ Eigen::MatrixXd Equilibrium::sensitivities(const std::vector<int>& indices) cons
   if (!has_factor_) throw std::logic_error("sensitivities need a converged equilibrium");
   Eigen::MatrixXd rhs(model_->free_unknowns(), static_cast<Eigen::Index>(indices.size()));
   for (size_t k = 0; k < indices.size(); ++k) rhs.col(static_cast<Eigen::Index>(k)) = right_hand_side(indices[k]);
-  const Eigen::MatrixXd free = cholesky_.solve(rhs);
+  const Eigen::MatrixXd free = hessian_.solve(rhs);
   Eigen::MatrixXd all(model_->unknowns(), rhs.cols());
   for (size_t k = 0; k < indices.size(); ++k) {
     all.col(static_cast<Eigen::Index>(k)) =
@@ -262,19 +255,27 @@ Eigen::MatrixXd Equilibrium::sensitivities(const std::vector<int>& indices) cons
   return all;
 }
 
-/// First-order prediction of the equilibrium at `p` from the kept factor; the current u with supports imposed without
-/// one. A stiffness enters by its reciprocal, in which displacements of a linear solid are linear.
+/// First-order change of the equilibrium on the way to `p`, from the kept factor. Towards a new start a stiffness
+/// enters by its reciprocal, in which displacements of a linear solid are linear.
+Eigen::VectorXd Equilibrium::predicted_step(const Params& p, bool stiffness_by_reciprocal) const {
+  Eigen::VectorXd rhs = Eigen::VectorXd::Zero(model_->free_unknowns());
+  Eigen::VectorXd supported = Eigen::VectorXd::Zero(model_->unknowns());
+  for (int k = 0; k < p.size(); ++k) {
+    if (p[k] == p_[k]) continue;
+    const bool stiffness = stiffness_by_reciprocal && model_->parameters()[k].logarithmic && p_[k] > 0 && p[k] > 0;
+    rhs += (stiffness ? p_[k] * (1 - p_[k] / p[k]) : p[k] - p_[k]) * right_hand_side(k);
+    supported += (p[k] - p_[k]) * model_->support_derivative(k);
+  }
+  return model_->extend_from_free(hessian_.solve(rhs)) + supported;
+}
+
+/// Start of the search at `p`: the predicted state, or where it is no better, the current one with supports imposed.
 Eigen::VectorXd Equilibrium::predict(const Params& p) const {
   Eigen::VectorXd plain = u_;
   model_->impose_supports(p, plain);
   if (!has_factor_) return plain;
-  Eigen::VectorXd rhs = Eigen::VectorXd::Zero(model_->free_unknowns());
-  for (int k = 0; k < p.size(); ++k) {
-    if (p[k] == p_[k]) continue;
-    const bool stiffness = model_->parameters()[k].logarithmic && p_[k] > 0 && p[k] > 0;
-    rhs += (stiffness ? p_[k] * (1 - p_[k] / p[k]) : p[k] - p_[k]) * right_hand_side(k);
-  }
-  Eigen::VectorXd predicted = u_ + model_->extend_from_free(cholesky_.solve(rhs));
+  double fraction = 1;
+  Eigen::VectorXd predicted = Motion(*model_, p).admissible(u_, predicted_step(p, true), p, fraction);
   model_->impose_supports(p, predicted);
   Assembly a, b;
   model_->evaluate({predicted, p}, a);
@@ -282,19 +283,34 @@ Eigen::VectorXd Equilibrium::predict(const Params& p) const {
   return std::isfinite(a.energy) && !(a.energy > b.energy) ? predicted : plain;
 }
 
+/// Whether the new state, u_ at p_, belongs to another equilibrium path than u_before at p_before. On one path the
+/// first-order predictions forwards (`predicted`, empty without one) or backwards come near; at a kink (a cable that
+/// goes taut, a gap that closes) one of them still does.
+bool Equilibrium::slipped(const Eigen::VectorXd& u_before, const Params& p_before,
+                          const Eigen::VectorXd& predicted) const {
+  const double change = largest(u_ - u_before);
+  double miss = predicted.size() == 0 ? change : largest(u_ - predicted);
+  const double allowed = std::max(0.05 * model_->length_scale(), 0.3 * change);
+  if (miss <= allowed) return false;
+  if (has_factor_) {
+    const Eigen::VectorXd back = Motion(*model_, p_).along(u_, predicted_step(p_before, false), 1.0);
+    miss = std::min(miss, largest(back - u_before));
+  }
+  return miss > allowed;
+}
+
 bool Equilibrium::refactorise() {
   if (has_factor_) return true;
-  Assembly out;
-  out.hessian = values_.data();
-  model_->evaluate({u_, p_}, out);
-  return has_factor_ = std::isfinite(out.energy) && cholesky_.factorise(values_);
+  const Assembly out = hessian_.assemble({u_, p_}, Curvature::exact, nullptr);
+  return has_factor_ = std::isfinite(out.energy) && hessian_.factorise();
 }
 
 const SolveReport& Equilibrium::solve(const Params& p) {
   report_ = {};
-  const int factorisations = cholesky_.factorisations();
+  const int factorisations = hessian_.factorisations();
   const Params start = p_;
   const double smallest_step = std::ldexp(1.0, -options_.max_halvings);
+  constexpr double smallest_followed = 1.0 / 64;  // a slip within a shorter load step counts as one
   double step = 1;
   while (report_.reached < 1) {
     const double target = std::min(1.0, report_.reached + step);
@@ -302,10 +318,24 @@ const SolveReport& Equilibrium::solve(const Params& p) {
     // Supports that move far in one go invert the elements beside them, unless the whole body is predicted to follow.
     if (model_->support_moves(p_, next)) refactorise();
     Eigen::VectorXd u = predict(next);
+    const bool checked = options_.check_path && next != p_;
+    const Eigen::VectorXd predicted = checked && has_factor_ ? u : Eigen::VectorXd();
     report_.status = settle(u, next);
     if (report_.status == SolveStatus::converged) {
-      u_ = u;
-      p_ = next;
+      const Eigen::VectorXd u_before = std::exchange(u_, u);
+      const Params p_before = std::exchange(p_, next);
+      if (checked && slipped(u_before, p_before, predicted)) {
+        if (0.5 * step >= smallest_followed) {
+          u_ = u_before;
+          p_ = p_before;
+          has_factor_ = false;
+          step *= 0.5;
+          refactorise();
+          continue;
+        }
+        if (!report_.slipped) report_.slipped_after = report_.reached;
+        report_.slipped = true;
+      }
       report_.reached = target;
       ++report_.load_steps;
       step *= 2;
@@ -325,7 +355,7 @@ const SolveReport& Equilibrium::solve(const Params& p) {
     }
     refactorise();  // for the predictor of the shorter step
   }
-  report_.factorisations = cholesky_.factorisations() - factorisations;
+  report_.factorisations = hessian_.factorisations() - factorisations;
   return report_;
 }
 

@@ -6,7 +6,8 @@
 #include <vector>
 
 #include "sim/core/model.hpp"
-#include "sim/solve/cholesky.hpp"
+#include "sim/solve/hessian.hpp"
+#include "sim/solve/motion.hpp"
 
 namespace taut {
 
@@ -29,6 +30,7 @@ struct EquilibriumOptions {
   int max_total_iterations = 400;  ///< over all load steps of one solve
   bool always_project = false;     ///< for comparison only: project the Hessian in every iteration
   bool check_minimum = true;       ///< leave saddle points (buckling) and say so
+  bool check_path = false;         ///< look for slips to another equilibrium between load steps, and shorten them there
   const std::atomic<bool>* stop = nullptr;  ///< raised by another thread or a signal handler: end soon
 };
 
@@ -40,6 +42,9 @@ struct SolveReport {
   int projections = 0;          ///< iterations that needed a projected Hessian
   int load_steps = 0;           ///< load steps taken; 1 means that the whole load was taken at once
   bool left_saddle = false;     ///< the path met an unstable equilibrium and left it
+  bool not_tried = false;       ///< the state that it starts from failed
+  bool slipped = false;         ///< the path went to another equilibrium, not to the next one of its own
+  double slipped_after = 0;     ///< fraction of the load change at which that happened
   double reached = 0;           ///< fraction of the load change that was reached
   double gradient = 0;          ///< largest out-of-balance nodal force at the end [N]
   std::string message() const;  ///< one phrase for people
@@ -63,6 +68,8 @@ class Equilibrium {
   void start_at_rest(const Params& p);
   /// Sets a known state as the start of the next solve.
   void start_at(const Eigen::VectorXd& u, const Params& p);
+  /// Sets u + step as the start, or as much of that step as is admissible.
+  void start_beyond(const Eigen::VectorXd& u, const Eigen::VectorXd& step, const Params& p);
 
   /// Moves from the current state to the equilibrium at `p`. On failure the state stays at the last equilibrium that
   /// was reached on the way (report().reached of the change).
@@ -80,11 +87,12 @@ class Equilibrium {
   NewtonResult minimise(Eigen::VectorXd& u, const Params& p);
   bool leave_saddle(Eigen::VectorXd& u, const Params& p);
   SolveStatus settle(Eigen::VectorXd& u, const Params& p);
+  Eigen::VectorXd predicted_step(const Params& p, bool stiffness_by_reciprocal) const;
   Eigen::VectorXd predict(const Params& p) const;
+  bool slipped(const Eigen::VectorXd& u_before, const Params& p_before, const Eigen::VectorXd& predicted) const;
   Eigen::VectorXd right_hand_side(int index) const;
   bool factorise(bool& exact, const Eigen::VectorXd& u, const Params& p, Eigen::VectorXd& gradient);
   Eigen::VectorXd free_gradient_at(const Eigen::VectorXd& u, const Params& p) const;
-  double mean_diagonal() const;
   /// Factorises the exact Hessian at the last equilibrium if that is not what is kept; false when it is not positive
   /// definite.
   bool refactorise();
@@ -92,8 +100,7 @@ class Equilibrium {
 
   const Model* model_;
   EquilibriumOptions options_;
-  Cholesky cholesky_;
-  std::vector<double> values_;  ///< Hessian entries, one extra slot
+  Hessian hessian_;
   Eigen::VectorXd u_;
   Params p_;
   bool has_factor_ = false;

@@ -24,8 +24,32 @@ struct Cable {
   double smoothing = 2e-6;         ///< eps [m], width of the transition from slack to taut; 0: none
 };
 
+/// Energy of an elastic cable that runs without friction through its points and cannot push:
+///
+///   E = phi(e) [J],   e = L(x) - (L0 + slack - u) [m],   T = phi'(e) [N],
+///   L(x) = sum over its segments of sqrt(|d|^2 + (1e-9 L0)^2),   L0 = L at rest,
+///
+///   phi = 0                            for e <= -eps/2              (slack)
+///       = k (e + eps/2)^3 / (6 eps)    in between                   (phi'' rises linearly from 0 to k)
+///       = k e^2/2 + k eps^2/24         for e >= eps/2               (taut: T = k e)
+///
+/// phi is C2, or C1 for eps = 0, where phi = k/2 max(0, e)^2. The transition is centred on e = 0, so a taut cable pulls
+/// with k e as if it were not there (one that begins at e = 0 is a slack of eps/2 in disguise); the price is a tension
+/// of k eps/8 at e = 0. k is that of the whole cable, free length outside the module and winch included: k = EA /
+/// length for a bare cable, so EA / L0 when nothing is outside. The Hessian phi'' grad L grad L^T + phi' Hess L is
+/// positive semi-definite as it is; Hess L (tension over length) is what a straight cable resists a sideways push with.
+/// The length (1e-9 L0) keeps a segment whose ends meet differentiable and changes others by less than rounding.
+///
+/// The clique holds all nodes of all points. Static, without friction or mass, for segments that stay clear of
+/// everything between their points. Throws InputError for fewer than two points, no material point among them, a path
+/// without length, a fixed point that has not the mesh's dimension, or a negative smoothing.
 std::unique_ptr<Term> make_cable(const Mesh& mesh, Cable cable);
+
+/// Length L(x) [m] of the path from its first point to its last. Throws as make_cable() does.
 std::unique_ptr<Channel> make_cable_length(const Mesh& mesh, const Cable& cable);
+
+/// Tension T = phi'(e) [N], the same all along the cable; it depends on k, slack and u at fixed displacements too.
+/// Throws as make_cable() does.
 std::unique_ptr<Channel> make_cable_tension(const Mesh& mesh, const Cable& cable);
 
 }  // namespace taut

@@ -44,13 +44,16 @@ inline Eigen::VectorXd gradient_of(const Model& model, const Eigen::VectorXd& u,
   return gradient;
 }
 
-/// The Hessian on the free unknowns as it goes into the pattern, mirrored to both triangles.
+/// The Hessian on the free unknowns as it goes into the pattern, mirrored to both triangles; without supports, also
+/// what comes outside of the pattern.
 inline Eigen::MatrixXd hessian_of(const Model& model, const Eigen::VectorXd& u, const Params& p,
                                   Curvature curvature = Curvature::exact) {
   const SparsePattern& pattern = model.pattern();
   std::vector<double> values(static_cast<size_t>(pattern.entries()) + 1);
   Assembly out;
+  std::vector<Coupling> couplings;
   out.hessian = values.data();
+  if (model.free_unknowns() == model.unknowns()) out.couplings = &couplings;
   out.curvature = curvature;
   model.evaluate({u, p}, out);
   Eigen::MatrixXd H = Eigen::MatrixXd::Zero(pattern.size, pattern.size);
@@ -58,6 +61,10 @@ inline Eigen::MatrixXd hessian_of(const Model& model, const Eigen::VectorXd& u, 
     for (int k = pattern.columns[j]; k < pattern.columns[j + 1]; ++k) {
       H(pattern.rows[k], j) = H(j, pattern.rows[k]) = values[k];
     }
+  }
+  for (const Coupling& entry : couplings) {
+    H(entry.row, entry.column) += entry.value;
+    if (entry.row != entry.column) H(entry.column, entry.row) += entry.value;
   }
   return H;
 }

@@ -1,0 +1,13 @@
+#pragma once
+#include "sim/mesh/push_puppet.hpp"
+
+namespace taut {
+
+class TableReader;
+
+/// The keys of [geometry] with kind = "push_puppet": `cells` and the lengths of PushPuppet by their names ("11.5 mm");
+/// what is left out is the reference module's. Throws InputError with file and line when a key's value is wrong or when
+/// the numbers clash.
+PushPuppet read_push_puppet(TableReader& table);
+
+}  // namespace taut
