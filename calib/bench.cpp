@@ -21,7 +21,7 @@ size_t position_of_control(const Experiment& experiment, const std::string& id) 
 
 /// Distance at which contact sets in [m].
 double contact_gap(const MeshSettings& settings, double diagonal) {
-  return settings.contact_gap > 0 ? settings.contact_gap : 5e-5 * diagonal;
+  return settings.contact_gap > 0 ? settings.contact_gap : 2e-5 * diagonal;
 }
 
 /// Fraction of the contact gap that faces rest apart at the pressure [Pa] that their barrier is made for.
@@ -171,7 +171,7 @@ Mesh make_mesh(const Experiment& experiment, const MeshSettings& settings) {
       // Closed lips rest about this far apart: taken off their faces, so that they close where the specimen's own do.
       const PushPuppetMesh resolution{settings.size, settings.lip_cells, settings.order};
       const double gap = contact_gap(settings, mesh_push_puppet(g.puppet, resolution).diagonal());
-      return mesh_push_puppet(g.puppet, resolution, experiment.contact.on ? 0.5 * resting_distance * gap : 0.0);
+      return mesh_push_puppet(g.puppet, resolution, experiment.contact.on && experiment.contact.compensate ? 0.5 * resting_distance * gap : 0.0);
     }
     Mesh mesh = read_msh(g.file, g.unit);
     if (mesh.dimension() != g.dimension)
@@ -259,6 +259,7 @@ StaticBench make_static_bench(const Experiment& experiment, const MeshSettings& 
     bench.row_of_reading.push_back(row);
     bench.measurements.push_back({row, reading.value, reading.sigma, row});
   }
+  bench.cables = model.cables;
   StaticProtocol::Options options;
   options.equilibrium = experiment.equilibrium;
   options.threads = experiment.threads;

@@ -29,6 +29,7 @@ BenchModel make_model(const Experiment& experiment, const MeshSettings& settings
 /// Readings as rows of a static protocol: one row per distinct (controls, channel), readings of one row are repeats.
 struct StaticBench {
   std::unique_ptr<StaticProtocol> protocol;
+  std::vector<Cable> cables;
   std::vector<int> row_of_reading;
   std::vector<Measurement> measurements;
 };

@@ -299,6 +299,7 @@ void read_contact(TableReader table, Experiment& experiment) {
   contact.on = table.boolean("on", true);
   if (contact.on && experiment.geometry.dimension != 2)
     table.fail("", "contact is for 2D geometries; remove [contact]");
+  contact.compensate = table.boolean("compensate", true);
   const std::string form = table.choice("form", {"length_weighted", "pair_sum", "pair_sum_dedup"});
   if (form != "length_weighted") {
     contact.form = form == "pair_sum" ? ContactForm::pair_sum : ContactForm::pair_sum_dedup;

@@ -22,7 +22,7 @@ struct MeshSettings {
   int lip_cells = 2;       ///< push_puppet: elements through a lip
   int order = 2;
   Formulation formulation = Formulation::standard;
-  double contact_gap = 0;        ///< distance at which contact sets in [m]; 0: 5e-5 of the specimen's diagonal
+  double contact_gap = 0;        ///< distance at which contact sets in [m]; 0: 2e-5 of the specimen's diagonal
   std::string describe() const;  ///< "quadratic, locking-free, 14 x 5 x 5 cells"
 };
 
@@ -76,6 +76,7 @@ struct SurfaceSettings {
   bool on = false;
   ContactForm form = ContactForm::length_weighted;
   std::optional<double> stiffness;  ///< pair sums only [N/m]
+  bool compensate = true;  ///< take the distance at which closed lips rest off their faces (push_puppet)
   std::vector<std::vector<Eigen::Vector2d>> obstacles;
   std::vector<GroundLine> grounds;
 };

@@ -97,6 +97,8 @@ std::vector<std::pair<std::string, std::string>> describe_setup(const Session& s
   for (const SupportSettings& support : e.supports) {
     std::string text;
     for (int component : support.fix) text += fmt::format("{}{}", text.empty() ? "fixed in " : ", ", "xyz"[component]);
+    if (support.rotation_stiffness)
+      text += fmt::format("elastic, rotation stiffness {}", with_unit(*support.rotation_stiffness, "Nm/rad"));
     if (!support.control.empty())
       text += fmt::format("{}moved in {} by column '{}'", text.empty() ? "" : "; ", "xyz"[support.component],
                           support.column);
@@ -110,6 +112,30 @@ std::vector<std::pair<std::string, std::string>> describe_setup(const Session& s
                        fmt::format("{} on {}, {}", name_of(load.quantity), place,
                                    load.column.empty() ? "constant " + fmt::format("{:.6g} (SI)", load.value)
                                                        : "column '" + load.column + "'"));
+  }
+  if (!e.cables.cables.empty()) {
+    const ParameterTable& table = session.bench.protocol->parameters();
+    const Params& nominal = session.bench.protocol->nominal();
+    std::string text;
+    for (const CableSettings& cable : e.cables.cables) text += (text.empty() ? "" : ", ") + cable.id;
+    text += fmt::format("; k = {}, slack = {}", with_unit(nominal[table.index("k_cable")], "N/m"),
+                        with_unit(nominal[table.index("slack")], "m"));
+    for (const auto& [id, column] : e.cables.columns)
+      text += fmt::format("; retracted by column '{}', before the loads", column);
+    lines.emplace_back("cables", text);
+  }
+  if (e.contact.on) {
+    const ParameterTable& table = session.bench.protocol->parameters();
+    const Params& nominal = session.bench.protocol->nominal();
+    std::string text = fmt::format("sets in at {}", with_unit(nominal[table.index("contact_gap")], "m"));
+    for (const std::string& region : model.mesh().region_names) {
+      text += fmt::format(", {} {}", region,
+                          with_unit(nominal[table.index("contact_pressure_" + region)],
+                                    e.contact.form == ContactForm::length_weighted ? "Pa" : "N/m"));
+    }
+    if (e.geometry.kind == "push_puppet")
+      text += e.contact.compensate ? "; lips shortened by the distance at which they rest" : "; stand-off not compensated";
+    lines.emplace_back("contact", text);
   }
   for (const ChannelSettings& channel : e.channels) {
     std::string text = channel.on.empty() ? "displacement of point (" + list_of(channel.point, "m") + ")"

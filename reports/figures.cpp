@@ -19,22 +19,26 @@ std::string field(double value) {
   return std::isfinite(value) ? fmt::format("{:.10g}", value) : "";
 }
 
+Figure finished(Drawing drawing, const std::string& folder) {
+  const std::filesystem::path figures = std::filesystem::path(folder) / "figures";
+  const std::string& name = drawing.figure.name;
+  write_file((figures / (name + ".csv")).string(), drawing.csv);
+  write_file((figures / (name + ".gp")).string(), drawing.page.script(name));
+  run_gnuplot(figures.string(), name);
+  drawing.figure.svg = read_file((figures / (name + ".svg")).string());
+  return std::move(drawing.figure);
+}
+
 }  // namespace plot
 
 std::vector<Figure> draw_figures(const RunRecord& record, const std::string& folder) {
-  const std::filesystem::path figures = std::filesystem::path(folder) / "figures";
   std::vector<Figure> drawn;
   for (const auto& figure :
        {plot::force_displacement, plot::effective_stiffness, plot::residuals, plot::deformed_shapes, plot::variants}) {
     std::optional<plot::Drawing> drawing = figure(record);
     if (!drawing) continue;
-    const std::string& name = drawing->figure.name;
-    write_file((figures / (name + ".csv")).string(), drawing->csv);
-    write_file((figures / (name + ".gp")).string(), drawing->page.script(name));
-    plot::run_gnuplot(figures.string(), name);
-    drawing->figure.svg = read_file((figures / (name + ".svg")).string());
-    if (record.simulated) drawing->figure.title = "SIMULATED DATA: " + drawing->figure.title;
-    drawn.push_back(std::move(drawing->figure));
+    drawn.push_back(plot::finished(std::move(*drawing), folder));
+    if (record.simulated) drawn.back().title = "SIMULATED DATA: " + drawn.back().title;
   }
   return drawn;
 }

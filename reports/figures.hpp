@@ -20,6 +20,9 @@ struct Drawing {
   Page page;
 };
 
+/// Writes a figure's files into folder/figures and returns it with its SVG.
+Figure finished(Drawing drawing, const std::string& folder);
+
 std::optional<Drawing> force_displacement(const RunRecord& record);
 std::optional<Drawing> effective_stiffness(const RunRecord& record);
 std::optional<Drawing> residuals(const RunRecord& record);

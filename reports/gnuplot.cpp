@@ -80,6 +80,11 @@ std::string ordered_colour(size_t i, size_t count) {
   return text;
 }
 
+std::string region_colour(std::string_view name, size_t i) {
+  static const std::array<const char*, 4> others = {"#cfe3c4", "#e3c9dc", "#d9d4cc", "#c9dfe8"};
+  return name == "foam" ? "#f7dfa4" : name == "plastic" ? "#9db8cc" : others[i % others.size()];
+}
+
 int symbol(size_t i) {
   // circle, square, triangle, diamond, inverted triangle, pentagon, plus, cross, star
   static const std::array<int, 9> symbols = {6, 4, 8, 12, 10, 14, 1, 2, 3};
@@ -206,6 +211,20 @@ void Page::legend(double left, double top, const std::vector<LegendEntry>& entri
         marks_ += fmt::format(
             "set object rectangle from screen {} to screen {} fs transparent solid 0.25 noborder fc rgb '{}'\n",
             screen(x0, y - 6), screen(x1, y + 6), entry.colour);
+        break;
+      case LegendEntry::area:
+        marks_ +=
+            fmt::format("set object rectangle from screen {} to screen {} fs solid 1 border lc rgb '{}' fc rgb '{}'\n",
+                        screen(x0, y - 6), screen(x1, y + 6), kBlack, entry.colour);
+        break;
+      case LegendEntry::hatch:
+        arrow(x0, y + 4, x1, y + 4, "");
+        for (double x = x0 + 4; x < x1; x += 6) arrow(x, y + 4, x - 5, y - 5, "");
+        break;
+      case LegendEntry::arrow:
+        marks_ +=
+            fmt::format("set arrow from screen {} to screen {} head filled size screen {:.5f},18 lw 2.5 lc rgb '{}'\n",
+                        screen(x0, y), screen(x1, y), 10 / width_, entry.colour);
         break;
       case LegendEntry::point:
         marks_ += fmt::format("set label '' at screen {} point pt {} ps 0.9 lw 1.4 lc rgb '{}'\n", screen(middle, y),

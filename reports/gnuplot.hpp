@@ -14,6 +14,8 @@ inline constexpr const char* kGrey = "#6b6b6b";
 std::string colour(size_t i);
 /// Light green to dark violet in `count` steps (viridis), for quantities that have an order.
 std::string ordered_colour(size_t i, size_t count);
+/// Light fill of a region: sand for foam, blue-grey for plastic, others in order of `i`.
+std::string region_colour(std::string_view name, size_t i);
 /// gnuplot's number of the i-th symbol; open ones first, since they show what they cover.
 int symbol(size_t i);
 
@@ -42,7 +44,7 @@ struct Box {
 
 /// A line of the legend with the mark it explains.
 struct LegendEntry {
-  enum Kind { heading, text, line, dashes, band, point, bar_along_x, bar_along_y } kind;
+  enum Kind { heading, text, line, dashes, band, area, hatch, arrow, point, bar_along_x, bar_along_y } kind;
   std::string label;
   std::string colour = kGrey;
   int symbol = 6;

@@ -56,6 +56,8 @@ class SceneBuilder {
   /// Self-weight of a region: density [kg/m^3] and the index of the acceleration [m/s^2].
   void add_weight(const std::string& region, double density, const Eigen::VectorXd& direction, int gravity);
 
+  /// An energy of the caller's own.
+  void add_term(std::unique_ptr<Term> term) { terms_.push_back(std::move(term)); }
   /// A cable by the table indices in it.
   void add_cable(const Cable& cable);
   /// Contact of the whole boundary with itself, and with obstacles and grounds (2D): the barrier sets in at `gap` [m]

@@ -1,0 +1,556 @@
+#include "reports/draw.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <optional>
+
+#include "reports/dimensions.hpp"
+#include "reports/figures.hpp"
+#include "sim/core/error.hpp"
+#include "sim/mesh/loops.hpp"
+
+namespace taut {
+namespace plot {
+namespace {
+
+using Point = Eigen::Vector2d;  // [mm]
+
+constexpr const char* kCable = "#d55e00";
+constexpr const char* kMeasured = "#009e73";
+constexpr double kLeft = 76, kBelow = 58, kAbove = 30;  // of a panel, px
+
+struct Window {
+  Point lower, upper;  ///< [mm]
+  bool contains(const Point& p) const { return (p.array() >= lower.array() && p.array() <= upper.array()).all(); }
+};
+
+struct Area {
+  std::string region, colour;
+  std::vector<Point> line;  ///< closed
+  double size;              ///< signed [mm^2]; negative: a hole
+};
+
+double signed_area(const std::vector<Point>& line) {
+  double sum = 0;
+  for (size_t i = 0; i < line.size(); ++i) {
+    const Point &a = line[i], &b = line[(i + 1) % line.size()];
+    sum += 0.5 * (a.x() * b.y() - a.y() * b.x());
+  }
+  return sum;
+}
+
+/// Outlines of all regions without the points along straight lines, large ones first: what lies in a hole is painted
+/// after it.
+std::vector<Area> areas_of(const Mesh& mesh) {
+  std::vector<Area> areas;
+  for (size_t r = 0; r < mesh.region_names.size(); ++r) {
+    for (const std::vector<int>& loop : region_loops(mesh, static_cast<int>(r))) {
+      std::vector<Point> all;
+      for (int node : loop) all.emplace_back(mesh.node(node) / kMillimetre);
+      Area area{mesh.region_names[r], region_colour(mesh.region_names[r], r), {}, signed_area(all)};
+      for (size_t i = 0; i < all.size(); ++i) {
+        const Point before = all[i] - all[(i + all.size() - 1) % all.size()],
+                    after = all[(i + 1) % all.size()] - all[i];
+        const double turn = before.x() * after.y() - before.y() * after.x();
+        if (std::abs(turn) > 1e-6 * before.norm() * after.norm()) area.line.push_back(all[i]);
+      }
+      areas.push_back(area);
+    }
+  }
+  std::stable_sort(areas.begin(), areas.end(),
+                   [](const Area& a, const Area& b) { return std::abs(a.size) > std::abs(b.size); });
+  return areas;
+}
+
+/// The part of a polygon inside the window (Sutherland and Hodgman).
+std::vector<Point> clipped(std::vector<Point> polygon, const Window& window) {
+  for (int side = 0; side < 4; ++side) {
+    const int axis = side / 2;
+    const double sign = side % 2 == 0 ? 1 : -1, limit = side % 2 == 0 ? window.lower[axis] : window.upper[axis];
+    std::vector<Point> kept;
+    for (size_t i = 0; i < polygon.size(); ++i) {
+      const Point &a = polygon[i], &b = polygon[(i + 1) % polygon.size()];
+      const double da = sign * (a[axis] - limit), db = sign * (b[axis] - limit);
+      if (da >= 0) kept.push_back(a);
+      if ((da > 0 && db < 0) || (da < 0 && db > 0)) kept.push_back(a + (b - a) * da / (da - db));
+    }
+    polygon = std::move(kept);
+  }
+  return polygon;
+}
+
+/// A piece of a straight line inside the window (Liang and Barsky).
+std::optional<std::pair<Point, Point>> clipped(const Point& a, const Point& b, const Window& window) {
+  double first = 0, last = 1;
+  for (int axis = 0; axis < 2; ++axis) {
+    for (const double sign : {1.0, -1.0}) {
+      const double limit = sign > 0 ? window.lower[axis] : window.upper[axis];
+      const double da = sign * (a[axis] - limit), slope = sign * (b[axis] - a[axis]);
+      if (slope == 0) {
+        if (da < 0) return std::nullopt;
+      } else if (slope > 0) {
+        first = std::max(first, -da / slope);
+      } else {
+        last = std::min(last, -da / slope);
+      }
+    }
+  }
+  if (first >= last) return std::nullopt;
+  return std::pair{Point(a + first * (b - a)), Point(a + last * (b - a))};
+}
+
+/// Lines to be drawn with one style.
+struct Strokes {
+  std::vector<std::vector<double>> rows;
+  void add(const Point& a, const Point& b) { rows.insert(rows.end(), {{a.x(), a.y()}, {b.x(), b.y()}, {}}); }
+};
+
+struct Place {
+  Point middle, outward;
+};
+
+/// Mean place and outward direction of a tag; without a direction for points.
+Place place_of(const Mesh& mesh, const Tag& tag) {
+  Place place{Point::Zero(), Point::Zero()};
+  double length = 0;
+  for (int i = 0; i < tag.count(); ++i) {
+    const int* nodes = &tag.entities[static_cast<size_t>(i) * tag.nodes_per_entity];
+    const Point a = mesh.node(nodes[0]) / kMillimetre;
+    if (tag.dimension == 0) {
+      place.middle += a;
+      length += 1;
+      continue;
+    }
+    const Point b = mesh.node(nodes[1]) / kMillimetre, along = b - a;
+    place.middle += along.norm() * 0.5 * (a + b);
+    place.outward += Point(along.y(), -along.x());
+    length += along.norm();
+  }
+  place.middle /= length;
+  if (place.outward.norm() > 1e-9 * length) place.outward.normalize();
+  return place;
+}
+
+/// What is drawn of the body, of its surroundings and of the cables, in panels of any window and scale.
+class Sheet {
+ public:
+  Sheet(const Experiment& experiment, const Mesh& mesh) : experiment_(experiment), mesh_(mesh), areas_(areas_of(mesh)) {
+    body_ = {Point::Constant(INFINITY), Point::Constant(-INFINITY)};
+    for (int i = 0; i < mesh.node_count(); ++i) {
+      body_.lower = body_.lower.cwiseMin(mesh.node(i) / kMillimetre);
+      body_.upper = body_.upper.cwiseMax(mesh.node(i) / kMillimetre);
+    }
+  }
+
+  const Window& body() const { return body_; }
+
+  std::vector<std::string> plots(Page& page, const Window& window, double scale) const {
+    std::vector<std::string> plots;
+    Strokes outlines;
+    for (const Area& area : areas_) {
+      const std::vector<Point> line = clipped(area.line, window);
+      if (line.size() > 2) {
+        std::vector<std::vector<double>> rows;
+        for (const Point& p : line) rows.push_back({p.x(), p.y()});
+        plots.push_back(fmt::format("{} using 1:2 with filledcurves closed fs solid 1 noborder fc rgb '{}'",
+                                    page.data(rows), area.size > 0 ? area.colour : "#ffffff"));
+      }
+      for (size_t i = 0; i < area.line.size(); ++i) {
+        const auto piece = clipped(area.line[i], area.line[(i + 1) % area.line.size()], window);
+        if (piece) outlines.add(piece->first, piece->second);
+      }
+    }
+    plots.push_back(page.data(outlines.rows) + fmt::format(" using 1:2 with lines lw 1.2 lc rgb '{}'", kBlack));
+    add_obstacles(page, window, plots);
+    add_cables(page, window, plots);
+    add_supports(page, window, scale, plots);
+    add_channels(page, window, plots);
+    return plots;
+  }
+
+  /// Arrows of the loads and names of the tags.
+  std::string marks(double scale) const {
+    std::string out;
+    const double px = 1 / scale;
+    for (const LoadSettings& load : experiment_.loads) {
+      const Place place = load.on.empty() ? Place{Point(load.point[0], load.point[1]) / kMillimetre, Point::Zero()}
+                                          : place_of(mesh_, mesh_.select(load.on));
+      const Point direction = Point(load.direction[0], load.direction[1]).normalized();
+      const double along = direction.dot(place.outward);
+      // A pull starts at the face, a push ends there, what acts along the face stands beside it.
+      Point start = place.middle + px * (along > 0.3 ? 5.0 : along < -0.3 ? 50.0 : 14.0) * place.outward;
+      if (along < -0.3) start = place.middle + px * 4 * place.outward - px * 46 * direction;
+      const Point end = start + px * 46 * direction;
+      out += fmt::format(
+          "set arrow from first {:.8g},{:.8g} to first {:.8g},{:.8g} head filled size first {:.6g},18 front lw 3 lc "
+          "rgb "
+          "'{}'\n",
+          start.x(), start.y(), end.x(), end.y(), 12 * px, kBlack);
+    }
+    for (const auto& [name, tag] : mesh_.tags) {
+      if (tag.dimension != 1 || tag.count() == 0) continue;
+      const Place place = place_of(mesh_, tag);
+      const Point at = place.middle + px * (std::abs(place.outward.x()) > 0.7 ? tag_beside : 18.0) * place.outward;
+      const bool beside = std::abs(place.outward.x()) > 0.7;
+      out += fmt::format("set label {} at first {:.8g},{:.8g} center {} front font ',12' tc rgb '{}'\n", literal(name),
+                         at.x(), at.y(), beside ? "rotate by 90" : "", kGrey);
+    }
+    return out;
+  }
+
+  std::vector<LegendEntry> legend() const {
+    std::vector<LegendEntry> entries{{LegendEntry::heading, "Material"}};
+    for (size_t r = 0; r < mesh_.region_names.size(); ++r) {
+      entries.push_back({LegendEntry::area, mesh_.region_names[r], region_colour(mesh_.region_names[r], r)});
+    }
+    if (!experiment_.cables.cables.empty()) {
+      entries.push_back({LegendEntry::heading, "Cables"});
+      std::string names;
+      for (const CableSettings& cable : experiment_.cables.cables) names += (names.empty() ? "" : ", ") + cable.id;
+      entries.push_back({LegendEntry::line, names, kCable});
+      entries.push_back({LegendEntry::point, "via point, end in material", kCable, 7});
+      entries.push_back({LegendEntry::point, "end fixed in space", kCable, 5});
+    }
+    entries.push_back({LegendEntry::heading, "Held"});
+    for (const SupportSettings& support : experiment_.supports) {
+      std::string text = support.on + ":";
+      for (int component : support.fix) text += std::string(" ") + "xyz"[component];
+      if (support.rotation_stiffness) text += " elastic clamp";
+      if (!support.control.empty()) text += fmt::format(" {} moved by {}", "xyz"[support.component], support.control);
+      entries.push_back({LegendEntry::hatch, text, kBlack});
+    }
+    if (!experiment_.loads.empty()) {
+      entries.push_back({LegendEntry::heading, "Loads"});
+      for (const LoadSettings& load : experiment_.loads) {
+        entries.push_back({LegendEntry::arrow, load.id + (load.on.empty() ? "" : " on " + load.on), kBlack});
+      }
+    }
+    entries.push_back({LegendEntry::heading, "Measured"});
+    for (const ChannelSettings& channel : experiment_.channels) {
+      entries.push_back(
+          {LegendEntry::point, channel.id + (channel.on.empty() ? "" : ", mean of " + channel.on), kMeasured, 13});
+    }
+    return entries;
+  }
+
+  std::string csv() const {
+    std::string out = "kind,name,part,x_mm,y_mm,length_mm\n";
+    const std::string none;
+    int part = 0;
+    for (const Area& area : areas_) {
+      ++part;
+      for (const Point& p : area.line) {
+        out += line(std::string(area.size > 0 ? "outline" : "hole"), area.region, part, p.x(), p.y(), none);
+      }
+    }
+    for (const CableSettings& cable : experiment_.cables.cables) {
+      for (const std::vector<double>& p : cable.points) {
+        out += line(std::string("cable"), cable.id, ++part, p[0] / kMillimetre, p[1] / kMillimetre, none);
+      }
+    }
+    return out;
+  }
+
+  static constexpr double tag_beside = 74;  ///< from a face on the left or right to its name [px]
+
+ private:
+  void add_strokes(Page& page, const Strokes& strokes, const std::string& style,
+                   std::vector<std::string>& plots) const {
+    if (!strokes.rows.empty()) plots.push_back(page.data(strokes.rows) + " using 1:2 with lines " + style);
+  }
+
+  void add_obstacles(Page& page, const Window& window, std::vector<std::string>& plots) const {
+    Strokes strokes;
+    const auto add = [&](const Point& a, const Point& b) {
+      if (const auto piece = clipped(a, b, window)) strokes.add(piece->first, piece->second);
+    };
+    for (const std::vector<Eigen::Vector2d>& line : experiment_.contact.obstacles) {
+      for (size_t i = 1; i < line.size(); ++i) add(line[i - 1] / kMillimetre, line[i] / kMillimetre);
+    }
+    for (const GroundLine& ground : experiment_.contact.grounds) {
+      const double reach = 2 * (window.upper - window.lower).norm();
+      const Point middle = ground.point / kMillimetre, along(-ground.normal.y(), ground.normal.x());
+      add(middle - reach * along, middle + reach * along);
+    }
+    add_strokes(page, strokes, fmt::format("lw 2.5 lc rgb '{}'", kGrey), plots);
+  }
+
+  void add_cables(Page& page, const Window& window, std::vector<std::string>& plots) const {
+    Strokes strokes;
+    std::vector<std::vector<double>> vias, fixed;
+    for (const CableSettings& cable : experiment_.cables.cables) {
+      std::vector<Point> points;
+      for (const std::vector<double>& p : cable.points) points.emplace_back(Point(p[0], p[1]) / kMillimetre);
+      for (size_t i = 0; i < points.size(); ++i) {
+        if (i > 0) {
+          if (const auto piece = clipped(points[i - 1], points[i], window)) strokes.add(piece->first, piece->second);
+        }
+        const bool anchor = (i == 0 && cable.start_fixed) || (i + 1 == points.size() && cable.end_fixed);
+        if (window.contains(points[i])) (anchor ? fixed : vias).push_back({points[i].x(), points[i].y()});
+      }
+    }
+    add_strokes(page, strokes, fmt::format("lw 2 lc rgb '{}'", kCable), plots);
+    for (const auto& [rows, symbol] : {std::pair{vias, 7}, std::pair{fixed, 5}}) {
+      if (!rows.empty())
+        plots.push_back(
+            fmt::format("{} using 1:2 with points pt {} ps 0.7 lc rgb '{}'", page.data(rows), symbol, kCable));
+    }
+  }
+
+  void add_supports(Page& page, const Window& window, double scale, std::vector<std::string>& plots) const {
+    Strokes strokes;
+    const double px = 1 / scale, spacing = 9 * px;
+    for (const SupportSettings& support : experiment_.supports) {
+      const Tag tag = mesh_.select(support.on);
+      double along = 0.5 * spacing, behind = 0;  // of the next stroke, and of the edge's start
+      for (int i = 0; i < tag.count() && tag.dimension == 1; ++i) {
+        const int* nodes = &tag.entities[static_cast<size_t>(i) * tag.nodes_per_entity];
+        const Point a = mesh_.node(nodes[0]) / kMillimetre, b = mesh_.node(nodes[1]) / kMillimetre;
+        const double length = (b - a).norm();
+        const Point t = (b - a) / length, n(t.y(), -t.x());
+        if (const auto piece = clipped(a, b, window)) strokes.add(piece->first + px * n, piece->second + px * n);
+        for (; along <= behind + length; along += spacing) {
+          const Point foot = a + (along - behind) * t;
+          if (window.contains(foot)) strokes.add(foot, foot + 10 * px * (n - 0.8 * t));
+        }
+        behind += length;
+      }
+    }
+    add_strokes(page, strokes, fmt::format("lw 1.6 lc rgb '{}'", kBlack), plots);
+  }
+
+  void add_channels(Page& page, const Window& window, std::vector<std::string>& plots) const {
+    std::vector<std::vector<double>> rows;
+    for (const ChannelSettings& channel : experiment_.channels) {
+      const Point at = channel.on.empty() ? Point(Point(channel.point[0], channel.point[1]) / kMillimetre)
+                                          : place_of(mesh_, mesh_.select(channel.on)).middle;
+      if (window.contains(at)) rows.push_back({at.x(), at.y()});
+    }
+    if (!rows.empty())
+      plots.push_back(fmt::format("{} using 1:2 with points pt 13 ps 1.4 lc rgb '{}'", page.data(rows), kMeasured));
+  }
+
+  const Experiment& experiment_;
+  const Mesh& mesh_;
+  std::vector<Area> areas_;
+  Window body_;
+};
+
+/// A panel with dimensions around a window of the drawing, laid out before it knows where on the page it will stand.
+class View {
+ public:
+  /// `beside` are pixels kept free left and right of the window for supports, loads and names, between it and the
+  /// dimensions.
+  View(const Window& window, std::vector<Dimension> list, double across, double tallest, double beside)
+      : window_(window), across_(across), beside_(beside) {
+    const Point size = window.upper - window.lower;
+    scale_ = std::min((across - 2 * beside) / size.x(), tallest / size.y());
+    // Columns beside the window take from its width, and how many they are depends on the scale.
+    for (int round = 0; round < 6; ++round) {
+      dimensions_.emplace(list, scale_);
+      const int columns = dimensions_->rows(Dimension::left) + dimensions_->rows(Dimension::right);
+      const double room = across - 2 * beside - columns * Dimensions::spacing - 16;
+      const double scale = std::min(room / size.x(), tallest / size.y());
+      if (std::abs(scale - scale_) < 1e-9 * scale_) break;
+      scale_ = scale;
+    }
+    above_ = edge + Dimensions::spacing * dimensions_->rows(Dimension::above);
+    below_ = edge + Dimensions::spacing * dimensions_->rows(Dimension::below);
+    // Numbers of upright dimensions may reach farther than the window.
+    for (const Dimension::Side side : {Dimension::left, Dimension::right}) {
+      if (dimensions_->rows(side) == 0) continue;
+      above_ = std::max(above_, dimensions_->highest(side) - scale_ * window.upper.y() + 10);
+      below_ = std::max(below_, scale_ * window.lower.y() - dimensions_->lowest(side) + 10);
+    }
+  }
+
+  double height() const { return above_ + below_ + scale_ * (window_.upper - window_.lower).y(); }
+  double scale() const { return scale_; }
+  const Window& window() const { return window_; }
+
+  void draw(Page& page, const Sheet& sheet, double bottom, const std::string& title, const std::string& extra) const {
+    const Point middle = 0.5 * (window_.lower + window_.upper);
+    const double left_columns = Dimensions::spacing * dimensions_->rows(Dimension::left);
+    const double right_columns = Dimensions::spacing * dimensions_->rows(Dimension::right);
+    const double shift = 0.5 * (right_columns - left_columns) / scale_;
+    const double low_y = window_.lower.y() - below_ / scale_, high_y = window_.upper.y() + above_ / scale_;
+    Axis x{"x [mm]", middle.x() + shift - 0.5 * across_ / scale_, middle.x() + shift + 0.5 * across_ / scale_, 1};
+    Axis y{"y [mm]", low_y, high_y, 1};
+    x.step = y.step = axis_over({0, (window_.upper - window_.lower).maxCoeff()}, "", 6, false).step;
+    page.panel({kLeft, bottom, kLeft + across_, bottom + height()}, x, y, title, sheet.plots(page, window_, scale_),
+               "unset grid\n" +
+                   dimensions_->drawn(window_.lower.x() - beside_ / scale_, window_.lower.y() - edge_below / scale_,
+                                      window_.upper.x() + beside_ / scale_, window_.upper.y()) +
+                   extra);
+  }
+
+ private:
+  static constexpr double edge = 24, edge_below = 6;  // px
+  Window window_;
+  double across_, beside_, scale_, above_, below_;
+  std::optional<Dimensions> dimensions_;
+};
+
+std::vector<Dimension> overall(const Window& body) {
+  const Point size = body.upper - body.lower;
+  return {{Dimension::below, body.lower.x(), body.upper.x(), body.lower.y(), millimetres(kMillimetre * size.x())},
+          {Dimension::right, body.lower.y(), body.upper.y(), body.upper.x(), millimetres(kMillimetre * size.y())}};
+}
+
+/// Lengths of a module for its drawing. [mm]
+struct ModuleView {
+  explicit ModuleView(const PushPuppet& puppet) : m(puppet) {
+    gap = mm(m.gap_total) / m.cells;
+    lip = 0.5 * (mm(m.cell_length) - gap);
+    low = mm(0.5 * m.core_height + m.clearance);
+    high = low + mm(m.lip_thickness);
+    pitch = mm(m.cell_length + m.web_thickness);
+    cell = mm(m.cell_length);
+    plate = mm(m.plate_thickness);
+    end = m.cells * pitch - mm(m.web_thickness);
+  }
+  static double mm(double metres) { return metres / kMillimetre; }
+
+  std::vector<Dimension> whole() const {
+    std::vector<Dimension> list;
+    const auto add = [&](Dimension::Side side, double from, double to, double body, const std::string& name) {
+      list.push_back({side, from, to, body, name + " " + millimetres(kMillimetre * (to - from))});
+    };
+    const double tip = end + plate;
+    add(Dimension::above, lip, lip + gap, high, "gap");
+    if (m.cells > 1) {
+      const int web = m.cells / 2;  // the one after this many cells
+      add(Dimension::above, web * pitch - mm(m.web_thickness), web * pitch, high, "web");
+    }
+    add(Dimension::above, end, tip, high, "plate");
+    add(Dimension::below, 0, cell, -high, "cell");
+    if (m.cells > 1) add(Dimension::below, 0, end, -high, "core");
+    add(Dimension::below, -plate, tip, -high, "total");
+    add(Dimension::right, -high, high, tip, "height");
+    return list;
+  }
+
+  /// Inside the body: height of the core, and the cable's distance from the axis.
+  std::string inside(double scale) const {
+    const double half = mm(0.5 * m.core_height), cable = mm(std::abs(m.cable_offset));
+    const int of_core = m.cells > 1 ? 1 : 0;
+    const double offset_x = (m.cells - 1) * pitch + (m.cells > 1 ? 0.55 : 0.75) * cell;
+    return dimension_inside(of_core * pitch + 0.4 * cell, -half, half, "core " + millimetres(m.core_height), scale) +
+           dimension_inside(offset_x, 0, cable, "cable " + millimetres(std::abs(m.cable_offset)), scale) +
+           fmt::format(
+               "set arrow from first {:.8g},0 to first {:.8g},0 nohead front lw 0.9 dt (14,4,2,4) lc rgb '{}'\n",
+               -plate, end + plate, kGrey);
+  }
+
+  Window detail() const {
+    const double room = 0.55;  // of the walls beside the cell
+    const double left = -room * plate, right = cell + room * (m.cells > 1 ? mm(m.web_thickness) : plate);
+    const double half = mm(0.5 * m.core_height);
+    return {{left, half - 0.35 * (high - half)}, {right, high}};
+  }
+
+  std::vector<Dimension> of_detail() const {
+    std::vector<Dimension> list;
+    const auto add = [&](Dimension::Side side, double from, double to, double body, const std::string& name) {
+      list.push_back({side, from, to, body, name + " " + millimetres(kMillimetre * (to - from))});
+    };
+    const double relief = mm(m.lip_relief), via = mm(m.via_inset), half = mm(0.5 * m.core_height);
+    const double face = lip + gap;  // of the right lip
+    const double depth = m.stud_length > 0 ? mm(m.stud_length + m.stud_play) : 0.0;
+    const double cable = mm(std::abs(m.cable_offset));
+    add(Dimension::above, 0, lip, high - relief, "left lip");
+    add(Dimension::above, lip, face, high - relief, "gap");
+    add(Dimension::above, face, cell, high, "right lip");
+    add(Dimension::below, lip - via, lip, cable, "via inset");
+    add(Dimension::left, low + relief, high - relief, 0, "left lip");
+    if (relief > 0) add(Dimension::left, high - relief, high, 0, "relief");
+    add(Dimension::right, low, high, cell, "right lip");
+    add(Dimension::right, half, low, cell, "clearance");
+    if (depth > 0) {
+      const double middle = 0.5 * (low + high), tongue = mm(0.5 * m.stud_thickness), play = mm(m.stud_play);
+      add(Dimension::below, lip, lip + mm(m.stud_length), middle - tongue, "stud");
+      add(Dimension::below, face, face + depth, middle - tongue - play, "groove");
+      add(Dimension::left, middle - tongue, middle + tongue, lip, "stud");
+      add(Dimension::right, middle - tongue - play, middle + tongue + play, face, "groove");
+    }
+    return list;
+  }
+
+  const PushPuppet& m;
+  double gap, lip, low, high, pitch, cell, plate, end;
+};
+
+std::string frame_around(const Window& window, const char* style) {
+  return fmt::format(
+      "set object rectangle from first {:.8g},{:.8g} to first {:.8g},{:.8g} front fs empty border lc rgb "
+      "'{}' {}\n",
+      window.lower.x(), window.lower.y(), window.upper.x(), window.upper.y(), kGrey, style);
+}
+
+Drawing rest_drawing(const Experiment& experiment, const Mesh& mesh) {
+  const Sheet sheet(experiment, mesh);
+  const std::vector<LegendEntry> legend = sheet.legend();
+  const double legend_left = kPageWidth - legend_width(legend, 250) - 8;
+  const double across = legend_left - 24 - kLeft;
+  const bool module = experiment.geometry.kind == "push_puppet";
+  const ModuleView puppet(experiment.geometry.puppet);
+  const std::vector<Dimension> whole = module ? puppet.whole() : overall(sheet.body());
+  const View main(sheet.body(), whole, across, 420, Sheet::tag_beside + 14);
+  std::optional<View> detail;
+  if (module) detail.emplace(puppet.detail(), puppet.of_detail(), across, 330, 10);
+
+  const double rows = 19.0 * static_cast<double>(legend.size()) + 40;
+  const double main_height = std::max(main.height(), rows - (detail ? 200 : 0));
+  const double height =
+      kTitle + kAbove + main_height + kBelow + (detail ? kAbove + 14 + detail->height() + kBelow : 0.0);
+  std::string subtitle = experiment.title;
+  const std::string thick = millimetres(experiment.geometry.thickness) + " thick";
+  if (module) {
+    const PushPuppet& m = experiment.geometry.puppet;
+    subtitle += fmt::format(": {} cells, gaps of one side {} in all, {}", m.cells, millimetres(m.gap_total), thick);
+  } else {
+    subtitle += ": " + thick;
+  }
+  // A drawing shows no readings, so there are no simulated ones to warn of.
+  Page page(kPageWidth, height, "The specimen at rest, to scale", subtitle, false);
+  const double top = height - kTitle - kAbove;
+  page.legend(legend_left, top - 6, legend);
+  std::string extra = sheet.marks(main.scale());
+  if (module) extra += puppet.inside(main.scale()) + frame_around(puppet.detail(), "dt (4,4) lw 1.2");
+  main.draw(page, sheet, top - main.height(), "", extra);
+  std::string csv = sheet.csv();
+  const std::string none;
+  for (const Dimension& d : whole) csv += line(std::string("dimension"), d.text, none, none, none, d.to - d.from);
+  if (detail) {
+    detail->draw(page, sheet, kBelow, "One gap, enlarged (the dashed frame above)",
+                 frame_around(puppet.detail(), "dt (4,4) lw 1.2"));
+    for (const Dimension& d : puppet.of_detail()) {
+      csv += line(std::string("dimension"), d.text, none, none, none, d.to - d.from);
+    }
+  }
+  return {
+      {"drawing", "The specimen at rest, to scale",
+       "The specimen as the experiment file describes it, before anything is loaded: materials, what is held, where "
+       "loads act and what is measured. Dimensions in millimetres.",
+       ""},
+      csv,
+      page};
+}
+
+}  // namespace
+}  // namespace plot
+
+Figure draw_experiment(const Experiment& experiment, const Mesh& mesh, const std::string& folder) {
+  if (mesh.dimension() != 2) {
+    throw InputError(
+        fmt::format("{}: [geometry] kind = \"{}\" is 3D and taut draws 2D experiments only; run `taut replay` and open "
+                    "states/states.pvd in ParaView",
+                    experiment.path, experiment.geometry.kind));
+  }
+  return plot::finished(plot::rest_drawing(experiment, mesh), folder);
+}
+
+}  // namespace taut
