@@ -171,7 +171,9 @@ Mesh make_mesh(const Experiment& experiment, const MeshSettings& settings) {
       // Closed lips rest about this far apart: taken off their faces, so that they close where the specimen's own do.
       const PushPuppetMesh resolution{settings.size, settings.lip_cells, settings.order};
       const double gap = contact_gap(settings, mesh_push_puppet(g.puppet, resolution).diagonal());
-      return mesh_push_puppet(g.puppet, resolution, experiment.contact.on && experiment.contact.compensate ? 0.5 * resting_distance * gap : 0.0);
+      return mesh_push_puppet(
+          g.puppet, resolution,
+          experiment.contact.on && experiment.contact.compensate ? 0.5 * resting_distance * gap : 0.0);
     }
     Mesh mesh = read_msh(g.file, g.unit);
     if (mesh.dimension() != g.dimension)

@@ -76,7 +76,10 @@ void read_mesh(TableReader& table, const GeometrySettings& geometry, MeshSetting
 
 GeometrySettings read_geometry(TableReader table, const std::string& path) {
   GeometrySettings geometry;
-  geometry.kind = table.choice("kind", {"box", "rectangle", "boxes", "polygons", "push_puppet", "msh"});
+  geometry.kind = table.choice("kind", {"box", "rectangle", "boxes", "polygons", "push_puppet", "msh", "uniaxial"});
+  if (geometry.kind == "uniaxial") {
+    table.fail("kind", "a uniaxial experiment has no mesh and no states to show; use `taut check` and `taut fit` on it");
+  }
   geometry.dimension =
       geometry.kind == "rectangle" || geometry.kind == "polygons" || geometry.kind == "push_puppet" ? 2 : 3;
   const size_t d = static_cast<size_t>(geometry.dimension);
@@ -375,6 +378,7 @@ void read_fit(TableReader table, Experiment& experiment) {
     free.finish();
     experiment.free.push_back(settings);
   }
+  experiment.all_profiles = table.choice("profiles", {"doubtful", "all"}) == "all";
   if (auto diagnostic = table.optional_table("diagnostic")) {
     experiment.diagnostic = DiagnosticSettings{diagnostic->text("parameter"), diagnostic->text("per")};
     diagnostic->finish();

@@ -76,7 +76,7 @@ struct SurfaceSettings {
   bool on = false;
   ContactForm form = ContactForm::length_weighted;
   std::optional<double> stiffness;  ///< pair sums only [N/m]
-  bool compensate = true;  ///< take the distance at which closed lips rest off their faces (push_puppet)
+  bool compensate = true;           ///< take the distance at which closed lips rest off their faces (push_puppet)
   std::vector<std::vector<Eigen::Vector2d>> obstacles;
   std::vector<GroundLine> grounds;
 };
@@ -145,6 +145,7 @@ struct Experiment {
   BenchFormat bench;
   std::string zero_offset_per;  ///< control id: the readings at each of its values share a zero error; "": none
   bool from_unloaded = false;
+  bool all_profiles = false;  ///< profile likelihood for every free parameter, not only where the parabola fails
   std::optional<DiagnosticSettings> diagnostic;
   std::vector<FreeSettings> free;
   std::vector<VariantSettings> variants;

@@ -6,6 +6,7 @@
 #include <Eigen/QR>
 #include <Eigen/SVD>
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <limits>
 
@@ -47,7 +48,7 @@ class Evaluator {
   bool stopped() const { return options_.stop != nullptr && options_.stop->load(); }
 
   Params params(const double* q) const {
-    Params p = protocol_.nominal();
+    Params p = options_.held.size() > 0 ? options_.held : protocol_.nominal();
     for (size_t j = 0; j < count(); ++j) {
       const double si = scales_[j].outside(q[j]);
       p[indices_[j]] = std::clamp(si, free_[j].lower, free_[j].upper);
@@ -238,26 +239,41 @@ double range_of(const FreeParameter& parameter, const Scale& scale, double value
 
 /// Where chi squared, minimised over all other parameters, has risen by `profile_rise`, going from the optimum in
 /// direction `sign`; empty when it has not at the bound, where simulations fail before it has, and, when `alone`, where
-/// it would only because another parameter is at its bound. Fitted scale.
+/// it would only because another parameter is at its bound. Fitted scale. `covariance` says how the others follow, to
+/// first order. The points looked at are added to `visited`.
 std::optional<double> profile_end(Evaluator& evaluator, const std::vector<FreeParameter>& free, size_t measurements,
-                                  const Minimum& best, size_t j, int sign, double guess, bool alone,
-                                  const FitOptions& options) {
+                                  const Minimum& best, const Eigen::MatrixXd& covariance, size_t j, int sign,
+                                  double guess, bool alone, const FitOptions& options,
+                                  std::vector<std::pair<double, double>>& visited) {
   const Scale& scale = evaluator.scale(j);
   const double bound = scale.inside(sign > 0 ? free[j].upper : free[j].lower);
   FitOptions coarse = options;
-  coarse.tolerance = 1e-5;
+  coarse.tolerance = std::min(1e-3, 0.005 * profile_rise / std::max(best.chi_squared, 1e-12));  // of the rise: half a per cent
   std::vector<double> start = best.q;
   auto rise_at = [&](double q) {
-    start[j] = q;
-    if (free.size() == 1) {
-      return evaluator.evaluate(start.data()) ? evaluator.residuals().squaredNorm() - best.chi_squared
-                                              : std::numeric_limits<double>::infinity();
+    const Eigen::Index k = static_cast<Eigen::Index>(j);
+    const double moved = q - start[j];
+    for (size_t i = 0; i < free.size(); ++i) {
+      const double lower = evaluator.scale(i).inside(free[i].lower), upper = evaluator.scale(i).inside(free[i].upper);
+      start[i] =
+          std::clamp(start[i] + moved * covariance(static_cast<Eigen::Index>(i), k) / covariance(k, k), lower, upper);
     }
-    const Minimum there = minimise(evaluator, free, measurements, start, static_cast<int>(j), undamped, coarse);
-    if (there.summary.termination_type == ceres::FAILURE) return std::numeric_limits<double>::infinity();
-    start = there.q;
-    return there.chi_squared - best.chi_squared;
+    start[j] = q;
+    double rise = std::numeric_limits<double>::infinity();
+    if (free.size() == 1) {
+      if (evaluator.evaluate(start.data())) rise = evaluator.residuals().squaredNorm() - best.chi_squared;
+    } else {
+      const Minimum there = minimise(evaluator, free, measurements, start, static_cast<int>(j), undamped, coarse);
+      if (there.summary.termination_type != ceres::FAILURE) {
+        start = there.q;
+        rise = there.chi_squared - best.chi_squared;
+      }
+    }
+    if (std::isfinite(rise)) visited.emplace_back(scale.outside(q), rise);
+    return rise;
   };
+  // So near the end, the rest of the way is a fraction of the way so far.
+  auto nearly = [&](double rise) { return std::abs(rise / profile_rise - 1) < 0.05; };
   double inner = best.q[j], inner_rise = 0, step = std::max(guess, 1e-6);
   double outer = inner, outer_rise = 0;
   std::vector<double> beyond = start;  // all parameters at `outer`
@@ -274,6 +290,9 @@ std::optional<double> profile_end(Evaluator& evaluator, const std::vector<FreePa
     inner_rise = outer_rise;
   }
   if (outer_rise < profile_rise) return std::nullopt;
+  if (nearly(outer_rise)) {
+    inner = outer = best.q[j] + (outer - best.q[j]) * std::sqrt(profile_rise / outer_rise);
+  }
   for (int i = 0; i < 12 && std::abs(outer - inner) > 1e-3 * std::max(std::abs(outer - best.q[j]), 1e-12); ++i) {
     if (evaluator.stopped()) break;
     // The rise is nearly quadratic, so its root is nearly linear; bisect when that is of no use.
@@ -281,6 +300,11 @@ std::optional<double> profile_end(Evaluator& evaluator, const std::vector<FreePa
     double t = std::isfinite(b) && b > a ? (target - a) / (b - a) : 0.5;
     t = i % 3 == 2 ? 0.5 : std::clamp(t, 0.05, 0.95);
     const double middle = inner + t * (outer - inner), rise = rise_at(middle);
+    if (nearly(rise)) {
+      inner = outer = best.q[j] + (middle - best.q[j]) * std::sqrt(profile_rise / rise);
+      beyond = start;
+      break;
+    }
     if (rise >= profile_rise) {
       outer = middle;
       outer_rise = rise;
@@ -444,6 +468,16 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
   }
 
   FitResult result;
+  using Clock = std::chrono::steady_clock;
+  Clock::time_point since = Clock::now();
+  int factorisations = protocol.factorisations();
+  auto cost_so_far = [&] {
+    FitCost cost{std::chrono::duration<double>(Clock::now() - since).count(),
+                 protocol.factorisations() - factorisations};
+    since = Clock::now();
+    factorisations = protocol.factorisations();
+    return cost;
+  };
   const size_t n = free.size();
   Minimum best;
   best.q = q;
@@ -478,6 +512,7 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
           best.chi_squared, again);
     }
   }
+  result.search = cost_so_far();
   result.evaluations = evaluator.evaluations + last.evaluations;
   result.failed_evaluations = evaluator.failed;
   result.failures = evaluator.failures;
@@ -538,15 +573,24 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
     double lower = best.q[j] - z95 * sd[k], upper = best.q[j] + z95 * sd[k];
     std::optional<double> low = lower, high = upper;
     const double lower_bound = scale.inside(estimate.lower), upper_bound = scale.inside(estimate.upper);
-    if (estimate.verdict != Verdict::well_determined || lower < lower_bound || upper > upper_bound) {
-      low = high = std::nullopt;
-      if (options.profiles && !evaluator.stopped()) {
-        const double guess = std::min(z95 * sd[k], scale.logarithmic ? 1.0 : 0.25 * range);
-        low = profile_end(evaluator, free, measurements.size(), best, j, -1, guess, estimate.verdict == Verdict::tied,
-                          options);
-        high = profile_end(evaluator, free, measurements.size(), best, j, +1, guess, estimate.verdict == Verdict::tied,
-                           options);
+    const bool doubtful = estimate.verdict != Verdict::well_determined || lower < lower_bound || upper > upper_bound;
+    if (doubtful) low = high = std::nullopt;
+    if (options.profiles && (doubtful || options.all_profiles) && !evaluator.stopped()) {
+      const double guess = std::min(z95 * sd[k], scale.logarithmic ? 1.0 : 0.25 * range);
+      estimate.profile.emplace_back(estimate.value, 0.0);
+      auto end = [&](int sign) {
+        return profile_end(evaluator, free, measurements.size(), best, result.covariance, j, sign, guess,
+                           estimate.verdict == Verdict::tied, options, estimate.profile);
+      };
+      low = end(-1);
+      high = end(+1);
+      if (!doubtful && evaluator.stopped()) {  // half a search is worth less than the parabola
+        low = lower;
+        high = upper;
       }
+      std::sort(estimate.profile.begin(), estimate.profile.end());
+    }
+    if (doubtful) {
       if (estimate.verdict != Verdict::well_determined && low.has_value() != high.has_value())
         estimate.verdict = Verdict::bounded_from_one_side;
       if (estimate.verdict == Verdict::invisible && low && high) estimate.verdict = Verdict::weakly_determined;
@@ -567,6 +611,7 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
     const bool at_bound = best.q[j] - lower_bound < margin || upper_bound - best.q[j] < margin;
     estimate.explanation = explain(estimate, spread, partner, strongest, at_bound);
   }
+  result.profiles = cost_so_far();
   return result;
 }
 

@@ -5,6 +5,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "calib/protocol.hpp"
@@ -44,6 +45,8 @@ struct ParameterEstimate {
   double value = 0;                        ///< SI
   double standard_error = 0;  ///< SI, first order, from the noise alone; NaN when the readings do not define it
   std::optional<double> lower95, upper95;  ///< 95 % interval, SI; empty: open on that side
+  /// Profile likelihood where it was searched: (value [SI], rise of chi squared minimised over all others), ascending.
+  std::vector<std::pair<double, double>> profile;
   Verdict verdict = Verdict::unknown;
   std::string explanation;  ///< one or two sentences for a person: why this verdict, and what would help
 };
@@ -59,6 +62,12 @@ struct LackOfFit {
 
 enum class FitStatus { converged, not_converged, start_failed, interrupted };
 std::string_view name_of(FitStatus status);
+
+/// What a part of a fit took.
+struct FitCost {
+  double seconds = 0;
+  int factorisations = 0;  ///< Protocol::factorisations
+};
 
 struct FitResult {
   FitStatus status = FitStatus::not_converged;
@@ -79,6 +88,7 @@ struct FitResult {
   double chi_squared_p = 1;       ///< probability of a larger chi squared if model and sigmas are right
   LackOfFit lack_of_fit;
   int evaluations = 0;         ///< of the protocol within the fit, profiles not counted
+  FitCost search, profiles;    ///< the fit with its final cold replay, and the profiles after it
   int failed_evaluations = 0;  ///< trial points at which a simulation failed; each shortened a step
   int iterations = 0;
   std::vector<std::string> failures;  ///< sentences of the failed simulations, the first few
@@ -92,8 +102,10 @@ struct FitProgress {
 
 struct FitOptions {
   int max_iterations = 60;
-  double tolerance = 1e-6;  ///< relative decrease of chi squared at which the fit ends: some thousandths of a sigma
-  bool profiles = true;     ///< search interval ends by profile likelihood where the parabola cannot be trusted
+  double tolerance = 1e-6;    ///< relative decrease of chi squared at which the fit ends: some thousandths of a sigma
+  bool profiles = true;       ///< search interval ends by profile likelihood where the parabola cannot be trusted
+  bool all_profiles = false;  ///< and for all other parameters too
+  Params held;                ///< values of the parameters that are not free; empty: the protocol's nominal ones
   const std::atomic<bool>* stop = nullptr;
   std::function<void(const FitProgress&)> progress;
 };

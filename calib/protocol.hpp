@@ -32,6 +32,8 @@ class Protocol {
   virtual Prediction predict(const Params& p, const std::vector<int>& free) = 0;
   /// Forgets what earlier calls found: the next prediction goes the protocol's own path from the start.
   virtual void forget() {}
+  /// Matrix factorisations since construction: what predictions cost, whatever the machine. 0 for closed forms.
+  virtual int factorisations() const { return 0; }
 };
 
 /// One row of a static bench: the controls that were set, and the channel that was read.
@@ -93,7 +95,7 @@ class StaticProtocol final : public Protocol {
     double smallest_jacobian = 0;  ///< over quadrature points and nodes, after the last solve
   };
   const std::vector<Condition>& conditions() const { return conditions_; }
-  int factorisations() const { return factorisations_; }  ///< since construction
+  int factorisations() const override { return factorisations_; }
   int newton_iterations() const { return newton_iterations_; }
 
  private:

@@ -8,7 +8,10 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
+#include "calib/uniaxial.hpp"
 #include "experiments/session.hpp"
+#include "experiments/uniaxial_commands.hpp"
+#include "reports/draw.hpp"
 #include "reports/report.hpp"
 #include "sim/core/error.hpp"
 
@@ -71,6 +74,8 @@ std::string interval_text(const ParameterEstimate& e) {
   return fmt::format("{} to {}", end(e.lower95), end(e.upper95));
 }
 
+}  // namespace
+
 void print_fit(const RunRecord& record) {
   const FitResult& fit = record.fit;
   if (record.simulated) fmt::print("SIMULATED DATA: the readings were made by a program, not measured.\n");
@@ -90,11 +95,23 @@ void print_fit(const RunRecord& record) {
         "it were noise, standard errors would be {:.2g} times as large\n",
         std::sqrt(fit.chi_squared / fit.dof));
   }
+  for (const DiagnosticRecord& diagnostic : record.diagnostics) {
+    for (const ParameterEstimate& e : fit.parameters) {
+      if (e.spec.id != diagnostic.parameter) continue;
+      fmt::print("from {} alone: {} = {} +- {} ({} readings)\n", diagnostic.part, e.spec.id,
+                 with_unit(diagnostic.value, e.spec.unit), with_unit(diagnostic.standard_error, e.spec.unit, 2),
+                 diagnostic.readings);
+    }
+  }
   for (const VariantRecord& variant : record.variants) {
     std::string values;
-    for (size_t j = 0; j < variant.values.size(); ++j)
-      values += fmt::format("{}{} = {}", j == 0 ? "" : ", ", fit.parameters[j].spec.id,
-                            with_unit(variant.values[j], fit.parameters[j].spec.unit));
+    for (size_t j = 0; j < variant.values.size(); ++j) {
+      if (std::isfinite(variant.values[j]))
+        values += fmt::format("{}{} = {}", values.empty() ? "" : ", ", fit.parameters[j].spec.id,
+                              with_unit(variant.values[j], fit.parameters[j].spec.unit));
+    }
+    if (record.material_point && !values.empty())
+      values += fmt::format("; chi squared {:.4g} of {} readings", variant.chi_squared, variant.unknowns);
     fmt::print("variant {:<22} {:<48} {}\n", variant.name, variant.mesh, values.empty() ? variant.status : values);
   }
   for (const ReferenceRecord& reference : record.references) {
@@ -106,6 +123,8 @@ void print_fit(const RunRecord& record) {
     }
   }
 }
+
+namespace {
 
 /// Standard deviation that a new reading of a channel would have at this load: that of the run's readings, interpolated
 /// over the load and constant beyond them.
@@ -131,6 +150,7 @@ FitOptions fit_options(const CommandOptions& options, const Session& session, co
                        Progress& progress, const std::string& what) {
   FitOptions result;
   result.stop = options.stop;
+  result.all_profiles = session.experiment.all_profiles;
   result.progress = [&progress, &session, &free, what](const FitProgress& state) {
     std::string text = fmt::format("{}: evaluation {}, chi squared {:.5g}", what, state.evaluation, state.chi_squared);
     for (size_t j = 0; j < free.size(); ++j) {
@@ -183,9 +203,71 @@ VariantRecord fit_variant(const Session& session, const VariantSettings& variant
   }
 }
 
+/// Fits one parameter to the readings of each value of a control alone, from the whole fit's result: values that differ
+/// by more than their errors say that one law does not serve all readings.
+std::vector<DiagnosticRecord> diagnose(const Session& session, const FitResult& main, const CommandOptions& options,
+                                       Progress& progress) {
+  std::vector<DiagnosticRecord> records;
+  const DiagnosticSettings& settings = *session.experiment.diagnostic;
+  const size_t control = diagnostic_control(session);
+  for (double held : session.trials.control_values[control]) {
+    if (interrupted(options)) break;
+    DiagnosticRecord& record = records.emplace_back();
+    record.parameter = settings.parameter;
+    record.part = describe_control(session, control, held);
+    progress.show(fmt::format("{} from {} alone", record.parameter, record.part));
+    Trials part = session.trials;
+    std::erase_if(part.readings, [&](const Reading& reading) { return reading.controls[control] != held; });
+    record.readings = static_cast<int>(part.readings.size());
+    const StaticBench bench = make_static_bench(session.experiment, session.experiment.mesh, part);
+    StaticProtocol& protocol = *bench.protocol;
+    FitOptions how;
+    how.held = main.p;
+    how.profiles = false;
+    how.stop = options.stop;
+    const int index = protocol.parameters().index(settings.parameter);
+    const ParameterSpec& spec = protocol.parameters()[index];
+    const FitResult result = fit(protocol, bench.measurements, {{index, main.p[index], spec.lower, spec.upper}}, how);
+    const bool good = result.status == FitStatus::converged;
+    record.value = good ? result.parameters.front().value : std::nan("");
+    record.standard_error = good ? result.parameters.front().standard_error : std::nan("");
+    record.chi_squared = result.chi_squared;
+  }
+  return records;
+}
+
+/// How much the predictions still depend on the contact gap, as a sentence: the largest change of a row when the gap is
+/// halved, which is about what is left of it.
+std::string contact_gap_remark(const Session& session, const Params& p, const Eigen::VectorXd& values) {
+  const ParameterTable& table = session.bench.protocol->parameters();
+  MeshSettings half = session.experiment.mesh;
+  half.contact_gap = 0.5 * session.bench.protocol->nominal()[table.index("contact_gap")];
+  const StaticBench bench = make_static_bench(session.experiment, half, session.trials);
+  Params q = p;
+  q[table.index("contact_gap")] = half.contact_gap;
+  const Prediction prediction = bench.protocol->predict(q, {});
+  double largest = 0, change = 0;
+  size_t row = 0;
+  for (size_t i = 0; i < session.bench.row_of_reading.size(); ++i) {
+    const Eigen::Index r = session.bench.row_of_reading[i];
+    const double relative = std::abs(prediction.values[r] / values[r] - 1);
+    if (!(relative > largest)) continue;
+    largest = relative;
+    change = 1e6 * (prediction.values[r] - values[r]);
+    row = i;
+  }
+  if (!prediction.complete()) return "the replay with half the contact gap failed: " + prediction.failures.front();
+  return fmt::format(
+      "contact gap: halving it to {} changes the predictions by at most {:.2g} % ({:+.2g} um at {}); about as much is "
+      "left of it",
+      with_unit(half.contact_gap, "m"), 100 * largest, change,
+      describe_controls(session, session.trials.readings[row].controls));
+}
+
 }  // namespace
 
 int check_command(const CommandOptions& options) {
+  if (is_uniaxial(options.target)) return check_uniaxial(options);
   const Session session = open_session(options);
   const std::vector<FreeParameter> free = free_parameters(session.experiment, *session.bench.protocol);
   const RunRecord record = start_record(session, options);
@@ -215,6 +297,20 @@ int check_command(const CommandOptions& options) {
     fmt::print("  nothing is free: `taut fit` needs at least one [fit.free.ID]; parameters: {}\n", join(table.ids()));
   for (const std::string& warning : record.remarks) fmt::print("warning: {}\n", warning);
   if (record.remarks.empty()) fmt::print("no problems found\n");
+  return exit_ok;
+}
+
+int draw_command(const CommandOptions& options) {
+  const Experiment experiment = read_experiment(options.target);
+  const std::string folder = run_folder(options);
+  draw_experiment(experiment, make_mesh(experiment, experiment.mesh), folder);
+  Json files = Json::array();
+  for (const char* format : {"svg", "pdf", "png", "csv"})
+    files.push_back((fs::path(folder) / "figures" / (std::string("drawing.") + format)).string());
+  if (options.json)
+    fmt::print("{}\n", Json{{"title", experiment.title}, {"files", files}}.dump(2));
+  else
+    for (const Json& file : files) fmt::print("{}\n", file.get<std::string>());
   return exit_ok;
 }
 
@@ -272,6 +368,7 @@ int replay_command(const CommandOptions& options) {
 }
 
 int fit_command(const CommandOptions& options) {
+  if (is_uniaxial(options.target)) return fit_uniaxial(options);
   const Stopwatch watch;
   Session session = open_session(options);
   Progress progress(options.quiet);
@@ -285,7 +382,6 @@ int fit_command(const CommandOptions& options) {
 
   const Stopwatch fit_watch;
   record.fit = fit(protocol, session.bench.measurements, free, fit_options(options, session, free, progress, "fit"));
-  record.fit_factorisations = protocol.factorisations();
   record.main = as_variant("this fit", session.experiment.mesh, protocol, record.fit, fit_watch.seconds());
   if (record.fit.status == FitStatus::start_failed) {
     for (const std::string& failure : record.fit.failures) fmt::print(stderr, "taut: {}\n", failure);
@@ -309,6 +405,9 @@ int fit_command(const CommandOptions& options) {
     record.curves = make_curves(session, record.fit.p, free, record.fit.covariance);
     record.shapes = make_shapes(session, folder, record.shape_axes);
     for (const std::string& warning : warnings_after(protocol)) record.remarks.push_back(warning);
+    if (session.experiment.contact.on && !interrupted(options))
+      record.remarks.push_back(contact_gap_remark(session, record.fit.p, record.fit.predicted));
+    if (session.experiment.diagnostic) record.diagnostics = diagnose(session, record.fit, options, progress);
   }
   if (options.variants) {
     for (const VariantSettings& variant : session.experiment.variants) {
@@ -331,9 +430,14 @@ int fit_command(const CommandOptions& options) {
     fmt::print("{}\n", to_json(record));
   else
     print_fit(record);
-  progress.say(fmt::format("{:.1f} s, {} evaluations, {} factorisations (one cold replay: {:.2f} s, {})",
-                           record.provenance.wall_seconds, record.fit.evaluations, record.fit_factorisations,
-                           record.replay_seconds, record.replay_factorisations));
+  for (const std::string& remark : record.remarks) progress.say("note: " + remark);
+  const FitCost &search = record.fit.search, &profiles = record.fit.profiles;
+  progress.say(fmt::format(
+      "{:.1f} s in all; fit {:.2f} s with {} factorisations in {} evaluations, {:.1f} times one cold replay's {:.2f} s "
+      "with {}; profiles {:.2f} s with {}",
+      record.provenance.wall_seconds, search.seconds, search.factorisations, record.fit.evaluations,
+      search.seconds / record.replay_seconds, record.replay_seconds, record.replay_factorisations, profiles.seconds,
+      profiles.factorisations));
   progress.say("report: " + (fs::path(folder) / "report.html").string());
   if (interrupted(options)) return exit_interrupted;
   if (record.fit.status == FitStatus::converged) return exit_ok;

@@ -31,6 +31,8 @@ struct CommandOptions {
 
 /// Reads experiment, bench and model, says what was understood and what looks wrong; solves nothing.
 int check_command(const CommandOptions& options);
+/// Draws the specimen of an experiment at rest with its dimensions; reads no bench, solves nothing.
+int draw_command(const CommandOptions& options);
 /// Simulates every row of the bench with the nominal parameters: table on stdout; predictions.csv and states as VTU.
 int replay_command(const CommandOptions& options);
 /// Fits the free parameters and writes a run folder.

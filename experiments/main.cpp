@@ -32,6 +32,9 @@ const std::vector<Command>& commands() {
       {"check", "EXPERIMENT",
        "Reads an experiment and its bench, says what it understood, finds problems; solves nothing.",
        "  taut check experiments/silicone_block/experiment.toml\n", taut::check_command, false, false},
+      {"draw", "EXPERIMENT",
+       "Draws the specimen at rest with its dimensions in millimetres (2D): SVG, PDF, PNG, CSV; reads no bench.",
+       "  taut draw experiments/foam_cantilever/experiment.toml\n", taut::draw_command, true, false},
       {"replay", "EXPERIMENT", "Simulates every row of the bench with given parameters: table, CSV, VTU.",
        "  taut replay experiments/silicone_block/experiment.toml\n"
        "  taut replay experiments/silicone_block/experiment.toml --set E_silicone=\"263.8 kPa\" --out /tmp/replay\n",

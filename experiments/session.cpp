@@ -11,6 +11,7 @@
 #include "experiments/version.hpp"
 #include "reports/vtu.hpp"
 #include "sim/core/error.hpp"
+#include "sim/mesh/loops.hpp"
 
 namespace taut {
 namespace {
@@ -27,8 +28,14 @@ std::string list_of(const std::vector<double>& values, std::string_view unit) {
   return text;
 }
 
+/// "5.89 mm"; zero in the unit of the control's other values.
 std::string control_text(const Session& session, size_t k, double value) {
-  return with_unit(value, session.bench.protocol->parameters()[session.bench.protocol->controls()[k]].unit);
+  const std::string& unit = session.bench.protocol->parameters()[session.bench.protocol->controls()[k]].unit;
+  if (value != 0) return with_unit(value, unit);
+  double largest = 0;
+  for (const Reading& reading : session.trials.readings) largest = std::max(largest, std::abs(reading.controls[k]));
+  const DisplayUnit shown = display_unit(largest, unit);
+  return shown.name.empty() || shown.name == "1" ? "0" : "0 " + shown.name;
 }
 
 }  // namespace
@@ -40,6 +47,10 @@ Session open_session(const CommandOptions& options) {
   if (options.threads > 0) session.experiment.threads = options.threads;
   session.trials = read_trials(session.experiment.bench);
   session.bench = make_static_bench(session.experiment, session.experiment.mesh, session.trials);
+  if (session.experiment.diagnostic) {
+    diagnostic_control(session);
+    session.bench.protocol->parameters().index(session.experiment.diagnostic->parameter);
+  }
   return session;
 }
 
@@ -134,7 +145,8 @@ std::vector<std::pair<std::string, std::string>> describe_setup(const Session& s
                                     e.contact.form == ContactForm::length_weighted ? "Pa" : "N/m"));
     }
     if (e.geometry.kind == "push_puppet")
-      text += e.contact.compensate ? "; lips shortened by the distance at which they rest" : "; stand-off not compensated";
+      text +=
+          e.contact.compensate ? "; lips shortened by the distance at which they rest" : "; stand-off not compensated";
     lines.emplace_back("contact", text);
   }
   for (const ChannelSettings& channel : e.channels) {
@@ -198,14 +210,26 @@ std::vector<std::string> warnings_after(const StaticProtocol& protocol) {
   return warnings;
 }
 
+std::string describe_control(const Session& session, size_t control, double value) {
+  return fmt::format("{} = {}", session.trials.control_ids[control], control_text(session, control, value));
+}
+
 std::string describe_controls(const Session& session, const std::vector<double>& controls) {
   if (controls.empty()) return "no load";
   std::string text;
-  for (size_t k = 0; k < controls.size(); ++k) {
-    text += fmt::format("{}{} = {}", k == 0 ? "" : ", ", session.trials.control_ids[k],
-                        control_text(session, k, controls[k]));
-  }
+  for (size_t k = 0; k < controls.size(); ++k) text += (k == 0 ? "" : ", ") + describe_control(session, k, controls[k]);
   return text;
+}
+
+size_t diagnostic_control(const Session& session) {
+  const std::vector<std::string>& ids = session.trials.control_ids;
+  const std::string& per = session.experiment.diagnostic->per;
+  const auto found = std::find(ids.begin(), ids.end(), per);
+  if (found == ids.end()) {
+    throw InputError(fmt::format("{}: [fit.diagnostic] per: '{}' is not set by the bench{}; allowed: {}",
+                                 session.experiment.path, per, did_you_mean(per, ids), join(ids)));
+  }
+  return static_cast<size_t>(found - ids.begin());
 }
 
 int load_control(const Session& session) {
@@ -392,6 +416,11 @@ std::vector<ShapeRecord> make_shapes(const Session& session, const std::string& 
 
   std::vector<ShapeRecord> shapes;
   std::vector<std::pair<double, std::string>> files;
+  std::vector<std::vector<std::vector<int>>> outlines;  // of each region
+  for (size_t r = 0; d == 2 && r < mesh.region_names.size(); ++r)
+    outlines.push_back(region_loops(mesh, static_cast<int>(r)));
+  // To a nanometre: finer digits would only fill the file.
+  const auto rounded = [](double metres) { return std::round(1e9 * metres) / 1e9; };
   auto draw = [&](const std::string& label, const Eigen::VectorXd& u) {
     ShapeRecord& shape = shapes.emplace_back();
     shape.label = label;
@@ -401,11 +430,34 @@ std::vector<ShapeRecord> make_shapes(const Session& session, const std::string& 
       const Eigen::VectorXd a = mesh.node(one) + u.segment(one * d, d), b = mesh.node(two) + u.segment(two * d, d);
       shape.segments.push_back({a[horizontal], a[vertical], b[horizontal], b[vertical]});
     }
+    for (size_t r = 0; r < outlines.size(); ++r) {
+      ShapeRecord::Area& area = shape.areas.emplace_back();
+      area.region = mesh.region_names[r];
+      for (const std::vector<int>& loop : outlines[r]) {
+        ShapeRecord::Line& line = area.loops.emplace_back();
+        for (int node : loop)
+          line.push_back({rounded(mesh.X[2 * node] + u[2 * node]), rounded(mesh.X[2 * node + 1] + u[2 * node + 1])});
+      }
+    }
+    for (size_t c = 0; d == 2 && c < session.bench.cables.size(); ++c) {
+      ShapeRecord::Line& line = shape.cables.emplace_back();
+      for (const CablePoint& point : session.bench.cables[c].points) {
+        Eigen::Vector2d at = Eigen::Vector2d::Zero();
+        if (point.material.nodes.empty()) at = point.fixed;
+        for (size_t i = 0; i < point.material.nodes.size(); ++i)
+          at += point.material.weights[i] * (mesh.X + u).segment<2>(2 * point.material.nodes[i]);
+        line.push_back({rounded(at[0]), rounded(at[1])});
+      }
+    }
   };
   draw("rest", Eigen::VectorXd::Zero(mesh.X.size()));
   for (const StaticProtocol::Condition& condition : session.bench.protocol->conditions()) {
     if (condition.report.status != SolveStatus::converged) continue;
     draw(describe_controls(session, condition.controls), condition.u);
+    shapes.back().row = series_of(session, condition.controls);
+    if (const int load = load_control(session); load >= 0)
+      shapes.back().column = session.trials.control_ids[static_cast<size_t>(load)] + " " +
+                             control_text(session, static_cast<size_t>(load), condition.controls[load]);
     const std::string file = fmt::format("state_{:03}.vtu", files.size());
     write_file((fs::path(folder) / "states" / file).string(), vtu_text(mesh, condition.u));
     files.emplace_back(static_cast<double>(files.size()), file);

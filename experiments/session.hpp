@@ -39,12 +39,21 @@ std::vector<std::string> warnings_before(const Session& session);
 std::vector<std::string> warnings_after(const StaticProtocol& protocol);
 
 /// "0.51012 N" or "retraction = 5.89 mm, mass = 50 g".
+/// "retraction = 5.89 mm".
+std::string describe_control(const Session& session, size_t control, double value);
+
+/// Position among the controls of [fit.diagnostic]'s `per`; throws InputError when the bench does not set it.
+size_t diagnostic_control(const Session& session);
+
 std::string describe_controls(const Session& session, const std::vector<double>& controls);
 
 /// Index of the control over which figures are drawn: the load with most different values; -1 without loads.
 int load_control(const Session& session);
 /// What is held besides the load, as a label; "" when nothing else varies.
 std::string series_of(const Session& session, const std::vector<double>& controls);
+
+/// What a fit found, for people, on stdout.
+void print_fit(const RunRecord& record);
 
 /// The parts of a run record that do not come from a fit: title, set-up, readings (predictions NaN), references.
 RunRecord start_record(const Session& session, const CommandOptions& options);

@@ -128,11 +128,11 @@ std::string Dimensions::drawn(double left, double below, double right, double ab
                          point(end), kGrey);
     }
     out += measured_line(upright, d.from, d.to, across, scale_);
-    // Over the line, or on its axis beyond an arrow that stands outside.
+    // Beyond the line, where no extension line of its own passes, or on its axis after an arrow that stands outside.
     double along = 0.5 * (d.from + d.to), beside = across;
     std::string adjust = "center";
     if (p.align == 0) {
-      beside += (upright ? -1 : 1) * 8 / scale_;
+      beside += sign * 10 / scale_;
     } else {
       along = p.align > 0 ? d.to + (kOutside + 4) / scale_ : d.from - (kOutside + 4) / scale_;
       adjust = p.align > 0 ? "left" : "right";
@@ -147,7 +147,7 @@ std::string Dimensions::drawn(double left, double below, double right, double ab
 std::string dimension_inside(double x, double from, double to, const std::string& text, double scale) {
   return measured_line(true, from, to, x, scale) +
          fmt::format("set label {} at first {:.8g},{:.8g} center rotate by 90 front {} tc rgb '{}'\n", literal(text),
-                     x - 9 / scale, 0.5 * (from + to), kFont, kBlack);
+                     x - 10 / scale, 0.5 * (from + to), kFont, kBlack);
 }
 
 }  // namespace taut::plot

@@ -30,7 +30,7 @@ class Dimensions {
 
  private:
   struct Placed {
-    int row, align;    ///< align of the number: 0 over the line, 1 after it, -1 before it
+    int row, align;    ///< align of the number: 0 beside the line, 1 after it, -1 before it
     double low, high;  ///< what it covers [px]
   };
   Placed place(const Dimension& dimension) const;

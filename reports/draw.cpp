@@ -24,7 +24,10 @@ constexpr double kLeft = 76, kBelow = 58, kAbove = 30;  // of a panel, px
 
 struct Window {
   Point lower, upper;  ///< [mm]
-  bool contains(const Point& p) const { return (p.array() >= lower.array() && p.array() <= upper.array()).all(); }
+  bool contains(const Point& p) const {
+    const double rounding = 1e-9 * (upper - lower).norm();
+    return (p.array() >= lower.array() - rounding && p.array() <= upper.array() + rounding).all();
+  }
 };
 
 struct Area {
@@ -165,8 +168,8 @@ class Sheet {
     }
     plots.push_back(page.data(outlines.rows) + fmt::format(" using 1:2 with lines lw 1.2 lc rgb '{}'", kBlack));
     add_obstacles(page, window, plots);
-    add_cables(page, window, plots);
     add_supports(page, window, scale, plots);
+    add_cables(page, window, plots);
     add_channels(page, window, plots);
     return plots;
   }
@@ -216,10 +219,11 @@ class Sheet {
     }
     entries.push_back({LegendEntry::heading, "Held"});
     for (const SupportSettings& support : experiment_.supports) {
-      std::string text = support.on + ":";
-      for (int component : support.fix) text += std::string(" ") + "xyz"[component];
-      if (support.rotation_stiffness) text += " elastic clamp";
-      if (!support.control.empty()) text += fmt::format(" {} moved by {}", "xyz"[support.component], support.control);
+      std::string text = support.on;
+      for (size_t i = 0; i < support.fix.size(); ++i)
+        text += fmt::format("{}{}", i == 0 ? ", fixed in " : ", ", "xyz"[support.fix[i]]);
+      if (support.rotation_stiffness) text += ", elastic clamp";
+      if (!support.control.empty()) text += fmt::format(", {} moved by {}", "xyz"[support.component], support.control);
       entries.push_back({LegendEntry::hatch, text, kBlack});
     }
     if (!experiment_.loads.empty()) {
@@ -293,11 +297,10 @@ class Sheet {
       }
     }
     add_strokes(page, strokes, fmt::format("lw 2 lc rgb '{}'", kCable), plots);
-    for (const auto& [rows, symbol] : {std::pair{vias, 7}, std::pair{fixed, 5}}) {
-      if (!rows.empty())
-        plots.push_back(
-            fmt::format("{} using 1:2 with points pt {} ps 0.7 lc rgb '{}'", page.data(rows), symbol, kCable));
-    }
+    if (!vias.empty())
+      plots.push_back(fmt::format("{} using 1:2 with points pt 7 ps 0.7 lc rgb '{}'", page.data(vias), kCable));
+    if (!fixed.empty())
+      plots.push_back(fmt::format("{} using 1:2 with points pt 5 ps 1.1 lc rgb '{}'", page.data(fixed), kCable));
   }
 
   void add_supports(Page& page, const Window& window, double scale, std::vector<std::string>& plots) const {
@@ -305,18 +308,18 @@ class Sheet {
     const double px = 1 / scale, spacing = 9 * px;
     for (const SupportSettings& support : experiment_.supports) {
       const Tag tag = mesh_.select(support.on);
-      double along = 0.5 * spacing, behind = 0;  // of the next stroke, and of the edge's start
       for (int i = 0; i < tag.count() && tag.dimension == 1; ++i) {
         const int* nodes = &tag.entities[static_cast<size_t>(i) * tag.nodes_per_entity];
         const Point a = mesh_.node(nodes[0]) / kMillimetre, b = mesh_.node(nodes[1]) / kMillimetre;
-        const double length = (b - a).norm();
-        const Point t = (b - a) / length, n(t.y(), -t.x());
+        const Point t = (b - a).normalized(), n(t.y(), -t.x());
         if (const auto piece = clipped(a, b, window)) strokes.add(piece->first + px * n, piece->second + px * n);
-        for (; along <= behind + length; along += spacing) {
-          const Point foot = a + (along - behind) * t;
-          if (window.contains(foot)) strokes.add(foot, foot + 10 * px * (n - 0.8 * t));
+        // At whole multiples of the spacing along the face, in whatever order its edges come.
+        const double from = a.dot(t), to = b.dot(t);
+        for (double along = std::ceil(from / spacing) * spacing; along < to; along += spacing) {
+          const Point foot = a + (along - from) * t;
+          const Point stroke = 10 * px * (n + (t.x() + t.y() > 0 ? -0.8 : 0.8) * t);
+          if (window.contains(foot)) strokes.add(foot, foot + stroke);
         }
-        behind += length;
       }
     }
     add_strokes(page, strokes, fmt::format("lw 1.6 lc rgb '{}'", kBlack), plots);
@@ -342,23 +345,22 @@ class Sheet {
 /// A panel with dimensions around a window of the drawing, laid out before it knows where on the page it will stand.
 class View {
  public:
-  /// `beside` are pixels kept free left and right of the window for supports, loads and names, between it and the
-  /// dimensions.
-  View(const Window& window, std::vector<Dimension> list, double across, double tallest, double beside)
-      : window_(window), across_(across), beside_(beside) {
+  /// `beside` and `under` are pixels kept free between the window and its dimensions for supports, loads and names.
+  View(const Window& window, std::vector<Dimension> list, double across, double tallest, double beside, double under)
+      : window_(window), across_(across), beside_(beside), under_(under) {
     const Point size = window.upper - window.lower;
     scale_ = std::min((across - 2 * beside) / size.x(), tallest / size.y());
     // Columns beside the window take from its width, and how many they are depends on the scale.
     for (int round = 0; round < 6; ++round) {
       dimensions_.emplace(list, scale_);
       const int columns = dimensions_->rows(Dimension::left) + dimensions_->rows(Dimension::right);
-      const double room = across - 2 * beside - columns * Dimensions::spacing - 16;
+      const double room = across - 2 * beside - columns * Dimensions::spacing - 36;
       const double scale = std::min(room / size.x(), tallest / size.y());
       if (std::abs(scale - scale_) < 1e-9 * scale_) break;
       scale_ = scale;
     }
     above_ = edge + Dimensions::spacing * dimensions_->rows(Dimension::above);
-    below_ = edge + Dimensions::spacing * dimensions_->rows(Dimension::below);
+    below_ = edge + under + Dimensions::spacing * dimensions_->rows(Dimension::below);
     // Numbers of upright dimensions may reach farther than the window.
     for (const Dimension::Side side : {Dimension::left, Dimension::right}) {
       if (dimensions_->rows(side) == 0) continue;
@@ -382,15 +384,15 @@ class View {
     x.step = y.step = axis_over({0, (window_.upper - window_.lower).maxCoeff()}, "", 6, false).step;
     page.panel({kLeft, bottom, kLeft + across_, bottom + height()}, x, y, title, sheet.plots(page, window_, scale_),
                "unset grid\n" +
-                   dimensions_->drawn(window_.lower.x() - beside_ / scale_, window_.lower.y() - edge_below / scale_,
+                   dimensions_->drawn(window_.lower.x() - beside_ / scale_, window_.lower.y() - under_ / scale_,
                                       window_.upper.x() + beside_ / scale_, window_.upper.y()) +
                    extra);
   }
 
  private:
-  static constexpr double edge = 24, edge_below = 6;  // px
+  static constexpr double edge = 30;  // px
   Window window_;
-  double across_, beside_, scale_, above_, below_;
+  double across_, beside_, under_, scale_, above_, below_;
   std::optional<Dimensions> dimensions_;
 };
 
@@ -437,8 +439,9 @@ struct ModuleView {
   std::string inside(double scale) const {
     const double half = mm(0.5 * m.core_height), cable = mm(std::abs(m.cable_offset));
     const int of_core = m.cells > 1 ? 1 : 0;
-    const double offset_x = (m.cells - 1) * pitch + (m.cells > 1 ? 0.55 : 0.75) * cell;
-    return dimension_inside(of_core * pitch + 0.4 * cell, -half, half, "core " + millimetres(m.core_height), scale) +
+    const double place = cell * scale > 60 ? 0.4 : 0.62;  // numbers stand left of their line
+    const double offset_x = (m.cells - 1) * pitch + (m.cells > 1 ? 0.62 : 0.75) * cell;
+    return dimension_inside(of_core * pitch + place * cell, -half, half, "core " + millimetres(m.core_height), scale) +
            dimension_inside(offset_x, 0, cable, "cable " + millimetres(std::abs(m.cable_offset)), scale) +
            fmt::format(
                "set arrow from first {:.8g},0 to first {:.8g},0 nohead front lw 0.9 dt (14,4,2,4) lc rgb '{}'\n",
@@ -461,6 +464,13 @@ struct ModuleView {
     const double face = lip + gap;  // of the right lip
     const double depth = m.stud_length > 0 ? mm(m.stud_length + m.stud_play) : 0.0;
     const double cable = mm(std::abs(m.cable_offset));
+    if (depth > 0) {
+      const double middle = 0.5 * (low + high), tongue = mm(0.5 * m.stud_thickness), play = mm(m.stud_play);
+      add(Dimension::below, lip, lip + mm(m.stud_length), middle - tongue, "stud");
+      add(Dimension::below, face, face + depth, middle - tongue - play, "groove");
+      add(Dimension::left, middle - tongue, middle + tongue, lip, "stud");
+      add(Dimension::right, middle - tongue - play, middle + tongue + play, face, "groove");
+    }
     add(Dimension::above, 0, lip, high - relief, "left lip");
     add(Dimension::above, lip, face, high - relief, "gap");
     add(Dimension::above, face, cell, high, "right lip");
@@ -469,13 +479,6 @@ struct ModuleView {
     if (relief > 0) add(Dimension::left, high - relief, high, 0, "relief");
     add(Dimension::right, low, high, cell, "right lip");
     add(Dimension::right, half, low, cell, "clearance");
-    if (depth > 0) {
-      const double middle = 0.5 * (low + high), tongue = mm(0.5 * m.stud_thickness), play = mm(m.stud_play);
-      add(Dimension::below, lip, lip + mm(m.stud_length), middle - tongue, "stud");
-      add(Dimension::below, face, face + depth, middle - tongue - play, "groove");
-      add(Dimension::left, middle - tongue, middle + tongue, lip, "stud");
-      add(Dimension::right, middle - tongue - play, middle + tongue + play, face, "groove");
-    }
     return list;
   }
 
@@ -498,9 +501,9 @@ Drawing rest_drawing(const Experiment& experiment, const Mesh& mesh) {
   const bool module = experiment.geometry.kind == "push_puppet";
   const ModuleView puppet(experiment.geometry.puppet);
   const std::vector<Dimension> whole = module ? puppet.whole() : overall(sheet.body());
-  const View main(sheet.body(), whole, across, 420, Sheet::tag_beside + 14);
+  const View main(sheet.body(), whole, across, 420, Sheet::tag_beside + 14, module ? 0 : 26);
   std::optional<View> detail;
-  if (module) detail.emplace(puppet.detail(), puppet.of_detail(), across, 330, 10);
+  if (module) detail.emplace(puppet.detail(), puppet.of_detail(), across, 330, 10, 0);
 
   const double rows = 19.0 * static_cast<double>(legend.size()) + 40;
   const double main_height = std::max(main.height(), rows - (detail ? 200 : 0));
@@ -510,7 +513,8 @@ Drawing rest_drawing(const Experiment& experiment, const Mesh& mesh) {
   const std::string thick = millimetres(experiment.geometry.thickness) + " thick";
   if (module) {
     const PushPuppet& m = experiment.geometry.puppet;
-    subtitle += fmt::format(": {} cells, gaps of one side {} in all, {}", m.cells, millimetres(m.gap_total), thick);
+    subtitle += fmt::format(": {} cell{}, gaps of one side {} in all, {}", m.cells, m.cells == 1 ? "" : "s",
+                            millimetres(m.gap_total), thick);
   } else {
     subtitle += ": " + thick;
   }

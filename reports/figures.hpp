@@ -26,7 +26,11 @@ Figure finished(Drawing drawing, const std::string& folder);
 std::optional<Drawing> force_displacement(const RunRecord& record);
 std::optional<Drawing> effective_stiffness(const RunRecord& record);
 std::optional<Drawing> residuals(const RunRecord& record);
+std::optional<Drawing> stress_strain(const RunRecord& record);
 std::optional<Drawing> deformed_shapes(const RunRecord& record);
+/// The same as panels beside each other, with filled regions and cables: for several materials, cables or several held
+/// values; else nothing.
+std::optional<Drawing> shape_panels(const RunRecord& record);
 std::optional<Drawing> variants(const RunRecord& record);
 
 /// A CSV field; text is quoted when it must be, a number that is not finite is left empty.

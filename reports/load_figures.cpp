@@ -1,9 +1,11 @@
 #include <fmt/format.h>
 
+#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <map>
+#include <set>
 
 #include "reports/figures.hpp"
 
@@ -145,6 +147,36 @@ void add_band(Page& page, const Group& group, const Band& band, std::vector<std:
   around.insert(around.end(), band.upper.rbegin(), band.upper.rend());
   plots.push_back(fmt::format("{} using 1:2 with filledcurves closed fc rgb '{}'", page.data(around), group.colour));
   plots.push_back(fmt::format("{} using 1:2 with lines lw 2 lc rgb '{}'", page.data(band.middle), group.colour));
+}
+
+/// Polynomial through points (x, y, sigma) by weighted least squares, as a line over their range; of a lower degree
+/// where there are too few different x.
+std::vector<std::vector<double>> trend(const std::map<size_t, std::vector<double>>& points, int degree) {
+  std::set<double> places;
+  for (const auto& [reading, row] : points) places.insert(row[0]);
+  if (places.size() < 2) return {};
+  const double from = *places.begin(), to = *places.rbegin();
+  const auto n = std::min<Eigen::Index>(degree, static_cast<Eigen::Index>(places.size()) - 1) + 1;
+  const auto powers = [&](double x) {  // of x mapped to [-1, 1], which keeps the normal equations sound
+    Eigen::VectorXd p = Eigen::VectorXd::Ones(n);
+    for (Eigen::Index k = 1; k < n; ++k) p[k] = p[k - 1] * (2 * (x - from) / (to - from) - 1);
+    return p;
+  };
+  Eigen::MatrixXd A(static_cast<Eigen::Index>(points.size()), n);
+  Eigen::VectorXd b(A.rows());
+  Eigen::Index i = 0;
+  for (const auto& [reading, row] : points) {
+    A.row(i) = powers(row[0]) / row[2];
+    b[i++] = row[1] / row[2];
+  }
+  const Eigen::VectorXd coefficients = A.colPivHouseholderQr().solve(b);
+  std::vector<std::vector<double>> line_of_points;
+  constexpr int steps = 40;
+  for (int k = 0; k <= steps; ++k) {
+    const double x = from + (to - from) * k / steps;
+    line_of_points.push_back({x, coefficients.dot(powers(x))});
+  }
+  return line_of_points;
 }
 
 std::string panel_title(const std::string& channel) {
@@ -310,10 +342,14 @@ std::optional<Drawing> effective_stiffness(const RunRecord& record) {
   }
   if (centres.empty()) return std::nullopt;
 
-  const std::vector<LegendEntry> legend = legend_of(groups, {{LegendEntry::bar_along_y, "± 1 σ, propagated"},
-                                                             {LegendEntry::heading, "Fitted model"},
-                                                             {LegendEntry::line, "curve"},
-                                                             {LegendEntry::band, "its 95 % band"}});
+  std::vector<LegendEntry> legend = legend_of(groups, {{LegendEntry::bar_along_y, "± 1 σ, propagated"},
+                                                       {LegendEntry::heading, "Fitted model"},
+                                                       {LegendEntry::line, "curve"},
+                                                       {LegendEntry::band, "its 95 % band"}});
+  if (record.trend_degree > 0) {
+    legend.push_back({LegendEntry::heading, "Trend, no model"});
+    legend.push_back({LegendEntry::dashes, fmt::format("polynomial, degree {}", record.trend_degree)});
+  }
   const size_t columns = std::min<size_t>(groups.channels.size(), 3);
   const Grid grid = grid_of(groups.channels.size(), columns, legend_width(legend), kPanelHeight);
   const bool increments = any_increment && !any_plain;
@@ -335,6 +371,16 @@ std::optional<Drawing> effective_stiffness(const RunRecord& record) {
     const size_t panel = groups.all[g].panel;
     add_points(page, record, groups, groups.all[g], rows[g].points, "yerrorbars", points[panel]);
     add_band(page, groups.all[g], rows[g].band, curves[panel]);
+    if (record.trend_degree < 1) continue;
+    std::vector<std::vector<double>> polynomial = trend(rows[g].points, record.trend_degree);
+    std::erase_if(polynomial, [&](const std::vector<double>& point) { return logarithmic && !(point[1] > 0); });
+    for (const std::vector<double>& point : polynomial) {
+      csv +=
+          line("trend", groups.all[g].channel, groups.all[g].series, none, point[0], none, point[1], none, none, none);
+    }
+    if (!polynomial.empty())
+      curves[panel].push_back(fmt::format("{} using 1:2 with lines lw 1.6 dt (6,4) lc rgb '{}'", page.data(polynomial),
+                                          groups.all[g].colour));
   }
   for (size_t c = 0; c < groups.channels.size(); ++c) {
     curves[c].insert(curves[c].end(), points[c].begin(), points[c].end());
@@ -353,12 +399,15 @@ std::optional<Drawing> effective_stiffness(const RunRecord& record) {
                            "zero load.";
   }
   if (any_bound) caption += " The band of an increment is drawn at its largest possible width.";
+  if (record.trend_degree > 0)
+    caption +=
+        " Dashed: a polynomial through the readings of each series, weighted with their bars, without any model.";
   if (!logarithmic) caption += " The vertical axis does not start at zero.";
   return Drawing{{"effective_stiffness", "Effective stiffness", caption, ""}, csv, page};
 }
 
 std::optional<Drawing> residuals(const RunRecord& record) {
-  if (record.readings.empty()) return std::nullopt;
+  if (record.readings.empty() || record.material_point) return std::nullopt;
   const Groups groups = groups_of(record);
   const bool loads_known = has_loads(record);
   std::vector<LegendEntry> legend = legend_of(groups, {{LegendEntry::bar_along_y, "± 1 σ of a reading"}});

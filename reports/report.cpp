@@ -54,6 +54,14 @@ std::string percent(double ratio) {
   return std::isfinite(ratio) ? fmt::format("{:+.1f} %", 100 * ratio) : "not known";
 }
 
+/// The unit in which readings are shown, and its SI value.
+const char* shown_unit(const RunRecord& record) {
+  return record.material_point ? "kPa" : "mm";
+}
+double shown_factor(const RunRecord& record) {
+  return record.material_point ? 1e3 : 1e-3;
+}
+
 /// Probabilities as people write them.
 std::string probability(double p) {
   if (!std::isfinite(p)) return "not known";
@@ -148,9 +156,11 @@ std::string summary(const RunRecord& record) {
   for (size_t p = 0; p < fit.parameters.size(); ++p) {
     const ParameterEstimate& estimate = fit.parameters[p];
     if (const auto range = spread(record, p)) {
+      const char *one = "Another mesh moves", *several = "Other meshes move";
+      if (record.material_point) one = several = "Another law or choice of readings moves";
       out += paragraph(range->first == range->second
-                           ? fmt::format("Another mesh moves {} by {}.", estimate.spec.id, percent(range->first))
-                           : fmt::format("Other meshes move {} by {} to {}.", estimate.spec.id, percent(range->first),
+                           ? fmt::format("{} {} by {}.", one, estimate.spec.id, percent(range->first))
+                           : fmt::format("{} {} by {} to {}.", several, estimate.spec.id, percent(range->first),
                                          percent(range->second)));
     }
     for (const ReferenceRecord& reference : record.references) {
@@ -255,11 +265,11 @@ std::string goodness_of_fit(const RunRecord& record) {
     const ReadingRecord& far = *std::ranges::max_element(record.readings, farther);
     const ReadingRecord& odd = *std::ranges::max_element(record.readings, odder);
     out +=
-        paragraph(fmt::format("The largest residual is {:.3g} mm (line {} of the data, channel {}); measured in its "
+        paragraph(fmt::format("The largest residual is {:.3g} {} (line {} of the data, channel {}); measured in its "
                               "own standard deviation it is "
                               "{:.1f} at line {}, channel {}.",
-                              1e3 * (far.measured - far.predicted), far.line, far.channel,
-                              (odd.measured - odd.predicted) / odd.sigma, odd.line, odd.channel));
+                              (far.measured - far.predicted) / shown_factor(record), shown_unit(record), far.line,
+                              far.channel, (odd.measured - odd.predicted) / odd.sigma, odd.line, odd.channel));
   }
   return out;
 }
@@ -268,8 +278,10 @@ std::string mesh_section(const RunRecord& record, const std::vector<Figure>& fig
   const std::vector<ParameterEstimate>& parameters = record.fit.parameters;
   std::string out;
   if (!record.variants.empty()) {
-    out += "<h2>What the mesh does to the number</h2>\n";
+    out += record.material_point ? "<h2>What law and readings do to the number</h2>\n"
+                                 : "<h2>What the mesh does to the number</h2>\n";
     std::vector<std::string> header = {"Fit", "Mesh", "#Unknowns"};
+    if (record.material_point) header = {"Fit", "Law and modes", "#Readings"};
     for (const ParameterEstimate& estimate : parameters) {
       header.insert(header.end(), {"#" + estimate.spec.id + " ± standard error", "#Change"});
     }
@@ -282,7 +294,9 @@ std::string mesh_section(const RunRecord& record, const std::vector<Figure>& fig
         const double value = p < variant.values.size() ? variant.values[p] : NAN;
         const double se = p < variant.standard_errors.size() ? variant.standard_errors[p] : NAN;
         const Shown shown(parameters[p]);
-        row.insert(row.end(), {std::isfinite(value) ? shown.number(value) + " ± " + shown.with_unit(se) : "no result",
+        row.insert(row.end(), {std::isfinite(value)    ? shown.number(value) + " ± " + shown.with_unit(se)
+                               : record.material_point ? "none"
+                                                       : "no result",
                                main || !std::isfinite(value) ? "" : percent(value / parameters[p].value - 1)});
       }
       row.insert(row.end(), {bare_number(variant.chi_squared), with_unit(variant.seconds, "s", 3), variant.status});
@@ -348,16 +362,18 @@ std::string readings_section(const RunRecord& record) {
     const bool pure = unit.name.empty() || unit.name == "1";
     header.push_back("#" + record.control_ids[c] + (pure ? "" : " [" + unit.name + "]"));
   }
-  header.insert(header.end(), {"#Measured [mm]", "#σ [mm]", "#Fitted [mm]", "#Residual [mm]", "#Residual / σ"});
+  for (const char* what : {"#Measured", "#σ", "#Fitted", "#Residual"})
+    header.push_back(fmt::format("{} [{}]", what, shown_unit(record)));
+  header.emplace_back("#Residual / σ");
   std::vector<std::vector<std::string>> rows;
   for (const ReadingRecord& r : record.readings) {
     std::vector<std::string> row = {std::to_string(r.line), r.trial, r.channel};
     for (size_t c = 0; c < factors.size(); ++c) row.push_back(fmt::format("{:.5g}", r.controls[c] / factors[c]));
     const double residual = r.measured - r.predicted;
-    const auto mm = [](double metres) {
-      return std::isfinite(metres) ? fmt::format("{:.3f}", 1e3 * metres) : std::string("not known");
+    const auto shown = [&](double value) {
+      return std::isfinite(value) ? fmt::format("{:.3f}", value / shown_factor(record)) : std::string("not known");
     };
-    row.insert(row.end(), {mm(r.measured), mm(r.sigma), mm(r.predicted), mm(residual),
+    row.insert(row.end(), {shown(r.measured), shown(r.sigma), shown(r.predicted), shown(residual),
                            std::isfinite(residual) ? fmt::format("{:+.2f}", residual / r.sigma) : "not known"});
     rows.push_back(row);
   }
@@ -397,9 +413,12 @@ std::string provenance_section(const RunRecord& record) {
       {"Random seed", p.seed == 0 ? "none, nothing in the fit is random" : std::to_string(p.seed)},
       {"Fit", fmt::format("{}; {} iterations, {} evaluations of the experiment, {} of them failed; {}",
                           name_of(fit.status), fit.iterations, fit.evaluations, fit.failed_evaluations, fit.message)},
-      {"Time", fmt::format("{} in all with {} factorisations; one replay of all readings {} with {}",
-                           with_unit(p.wall_seconds, "s", 3), record.fit_factorisations,
-                           with_unit(record.replay_seconds, "s", 3), record.replay_factorisations)}};
+      {"Time",
+       fmt::format("{} in all; one cold replay of all readings {} with {} factorisations, the fit {} with {}, "
+                   "profiles {} with {}",
+                   with_unit(p.wall_seconds, "s", 3), with_unit(record.replay_seconds, "s", 3),
+                   record.replay_factorisations, with_unit(fit.search.seconds, "s", 3), fit.search.factorisations,
+                   with_unit(fit.profiles.seconds, "s", 3), fit.profiles.factorisations)}};
   for (const auto& [path, hash] : p.inputs) rows.push_back({"Input " + path, "`SHA-256 " + hash});
   if (!record.experiment_file.empty()) rows.push_back({"Copies in this folder", record.experiment_file});
   if (!record.data_file.empty()) rows.back()[1] += (record.experiment_file.empty() ? "" : ", ") + record.data_file;
@@ -423,6 +442,7 @@ std::string report_html(const RunRecord& record, const std::vector<Figure>& figu
                    "origin");
   out += summary(record);
   out += figure_html(figures, "force_displacement");
+  out += figure_html(figures, "stress_strain");
   out += parameter_section(record);
   out += goodness_of_fit(record);
   out += figure_html(figures, "residuals");
@@ -443,7 +463,10 @@ std::string predictions_csv(const RunRecord& record) {
     for (const char letter : record.control_units.at(c)) suffix += letter == '/' ? "_per_" : std::string(1, letter);
     out += record.control_ids[c] + (suffix.empty() ? "" : "_" + suffix) + ",";
   }
-  out += "measured_m,sigma_m,predicted_m,prediction_se_m,residual_m,normalised_residual\n";
+  const char* unit = record.material_point ? "Pa" : "m";
+  for (const char* what : {"measured", "sigma", "predicted", "prediction_se", "residual"})
+    out += fmt::format("{}_{},", what, unit);
+  out += "normalised_residual\n";
   for (const ReadingRecord& r : record.readings) {
     std::string controls;
     for (const double control : r.controls) controls += plot::field(control) + ",";

@@ -50,6 +50,8 @@ Json pairs(const std::vector<std::pair<std::string, std::string>>& list, const c
 }
 
 Json parameter_json(const ParameterEstimate& estimate) {
+  Json profile = Json::array();
+  for (const auto& [value, rise] : estimate.profile) profile.push_back(Json::array({number(value), number(rise)}));
   return {{"id", estimate.spec.id},
           {"symbol", estimate.spec.symbol},
           {"meaning", estimate.spec.meaning},
@@ -57,6 +59,7 @@ Json parameter_json(const ParameterEstimate& estimate) {
           {"unit", estimate.spec.unit},
           {"standard_error", number(estimate.standard_error)},
           {"interval95", Json::array({number(estimate.lower95), number(estimate.upper95)})},
+          {"profile", profile},
           {"verdict", name_of(estimate.verdict)},
           {"explanation", estimate.explanation},
           {"start", number(estimate.start)},
@@ -136,15 +139,33 @@ Json readings_json(const RunRecord& record) {
   return list;
 }
 
+/// What curves run over.
+const char* load_key(const RunRecord& record) {
+  return record.material_point ? "strain" : "load_N";
+}
+
 Json curves_json(const RunRecord& record) {
   Json list = Json::array();
   for (const CurveRecord& curve : record.curves) {
     list.push_back(Json{{"channel", curve.channel},
                         {"series", curve.series},
-                        {"load_N", numbers(curve.load)},
+                        {load_key(record), numbers(curve.load)},
                         {"value", numbers(curve.value)},
                         {"se", numbers(curve.se)},
                         {"increment_se", numbers(curve.increment_se)}});
+  }
+  return list;
+}
+
+Json lines_json(const std::vector<ShapeRecord::Line>& lines) {
+  Json list = Json::array();
+  for (const ShapeRecord::Line& line : lines) {
+    Json points = Json::array();  // x y x y ...: one long paragraph each
+    for (const auto& [x, y] : line) {
+      points.push_back(number(x));
+      points.push_back(number(y));
+    }
+    list.push_back(points);
   }
   return list;
 }
@@ -154,7 +175,18 @@ Json shapes_json(const RunRecord& record) {
   for (const ShapeRecord& shape : record.shapes) {
     Json segments = Json::array();
     for (const std::array<double, 4>& segment : shape.segments) segments.push_back(numbers(segment));
-    list.push_back(Json{{"label", shape.label}, {"segments", segments}});
+    Json json{{"label", shape.label}, {"segments", segments}};
+    if (!shape.row.empty() || !shape.column.empty()) {
+      json["row"] = shape.row;
+      json["column"] = shape.column;
+    }
+    if (!shape.areas.empty()) {
+      json["areas"] = Json::array();
+      for (const ShapeRecord::Area& area : shape.areas)
+        json["areas"].push_back({{"region", area.region}, {"loops", lines_json(area.loops)}});
+    }
+    if (!shape.cables.empty()) json["cables"] = lines_json(shape.cables);
+    list.push_back(json);
   }
   return list;
 }
@@ -327,6 +359,8 @@ ParameterEstimate read_parameter(const Entry& entry, const Entry& scale) {
   estimate.standard_error = entry.at("standard_error").number();
   estimate.lower95 = entry.at("interval95").at(0, 2).optional();
   estimate.upper95 = entry.at("interval95").at(1, 2).optional();
+  for (const Entry& point : entry.at("profile").list())
+    estimate.profile.emplace_back(point.at(0, 2).number(), point.at(1, 2).number());
   estimate.verdict = entry.at("verdict").one_of<Verdict>({Verdict::well_determined, Verdict::weakly_determined,
                                                           Verdict::bounded_from_one_side, Verdict::tied,
                                                           Verdict::invisible, Verdict::unknown});
@@ -393,6 +427,35 @@ void read_readings(const Entry& list, RunRecord& record) {
   }
 }
 
+std::vector<ShapeRecord::Line> read_lines(const Entry& list) {
+  std::vector<ShapeRecord::Line> lines;
+  for (const Entry& entry : list.list()) {
+    const std::vector<double> values = entry.numbers();
+    if (values.size() % 2 != 0) entry.wrong("an even number of coordinates");
+    ShapeRecord::Line& line = lines.emplace_back();
+    for (size_t i = 0; i < values.size(); i += 2) line.push_back({values[i], values[i + 1]});
+  }
+  return lines;
+}
+
+ShapeRecord read_shape(const Entry& entry) {
+  ShapeRecord shape{entry.at("label").text(), {}};
+  for (const Entry& segment : entry.at("segments").list()) {
+    shape.segments.push_back(
+        {segment.at(0, 4).number(), segment.at(1, 4).number(), segment.at(2, 4).number(), segment.at(3, 4).number()});
+  }
+  if (entry.has("row")) {
+    shape.row = entry.at("row").text();
+    shape.column = entry.at("column").text();
+  }
+  if (entry.has("areas")) {
+    for (const Entry& area : entry.at("areas").list())
+      shape.areas.push_back({area.at("region").text(), read_lines(area.at("loops"))});
+  }
+  if (entry.has("cables")) shape.cables = read_lines(entry.at("cables"));
+  return shape;
+}
+
 VariantRecord read_variant(const Entry& entry) {
   VariantRecord variant;
   variant.name = entry.at("name").text();
@@ -426,6 +489,7 @@ RunRecord read_record(const Entry& root) {
   const std::string data = root.at("data").text();
   if (data != "measured" && data != "simulated") root.at("data").wrong("\"measured\" or \"simulated\"");
   record.simulated = data == "simulated";
+  record.material_point = root.has("kind") && root.at("kind").text() == "material point";
   record.experiment_file = root.at("experiment_file").text();
   record.data_file = root.at("data_file").text();
   for (const auto& [id, unit] : root.at("controls").pairs("id", "unit")) {
@@ -437,21 +501,20 @@ RunRecord read_record(const Entry& root) {
   read_fit(root, record);
   read_readings(root.at("readings"), record);
   for (const Entry& entry : root.at("curves").list()) {
-    record.curves.push_back({entry.at("channel").text(), entry.at("series").text(), entry.at("load_N").numbers(),
-                             entry.at("value").numbers(), entry.at("se").numbers(),
-                             entry.at("increment_se").numbers()});
+    record.curves.push_back({entry.at("channel").text(), entry.at("series").text(),
+                             entry.at(load_key(record)).numbers(), entry.at("value").numbers(),
+                             entry.at("se").numbers(), entry.at("increment_se").numbers()});
   }
-  for (const Entry& entry : root.at("shapes").list()) {
-    ShapeRecord shape{entry.at("label").text(), {}};
-    for (const Entry& segment : entry.at("segments").list()) {
-      shape.segments.push_back(
-          {segment.at(0, 4).number(), segment.at(1, 4).number(), segment.at(2, 4).number(), segment.at(3, 4).number()});
-    }
-    record.shapes.push_back(std::move(shape));
-  }
+  for (const Entry& entry : root.at("shapes").list()) record.shapes.push_back(read_shape(entry));
+  if (root.has("trend_degree")) record.trend_degree = root.at("trend_degree").integer();
   for (size_t i = 0; i < 2; ++i) record.shape_axes[i] = root.at("shape_axes").at(i, 2).text();
   record.main = read_variant(root.at("main"));
   for (const Entry& entry : root.at("variants").list()) record.variants.push_back(read_variant(entry));
+  for (const Entry& entry : root.at("diagnostics").list()) {
+    record.diagnostics.push_back({entry.at("parameter").text(), entry.at("part").text(), entry.at("value").number(),
+                                  entry.at("standard_error").number(), entry.at("chi_squared").number(),
+                                  entry.at("readings").integer()});
+  }
   for (const Entry& entry : root.at("references").list()) {
     record.references.push_back({entry.at("parameter").text(), entry.at("value").number(), entry.at("source").text()});
   }
@@ -460,7 +523,8 @@ RunRecord read_record(const Entry& root) {
   const Entry timing = root.at("timing");
   record.replay_seconds = timing.at("replay_seconds").number();
   record.replay_factorisations = timing.at("replay_factorisations").integer();
-  record.fit_factorisations = timing.at("fit_factorisations").integer();
+  record.fit.search = {timing.at("fit_seconds").number(), timing.at("fit_factorisations").integer()};
+  record.fit.profiles = {timing.at("profile_seconds").number(), timing.at("profile_factorisations").integer()};
   record.provenance = read_provenance(root.at("provenance"), timing.at("wall_seconds"));
   return record;
 }
@@ -474,6 +538,15 @@ std::string to_json(const RunRecord& record) {
   }
   Json variants = Json::array();
   for (const VariantRecord& variant : record.variants) variants.push_back(variant_json(variant));
+  Json diagnostics = Json::array();
+  for (const DiagnosticRecord& diagnostic : record.diagnostics) {
+    diagnostics.push_back({{"parameter", diagnostic.parameter},
+                           {"part", diagnostic.part},
+                           {"value", number(diagnostic.value)},
+                           {"standard_error", number(diagnostic.standard_error)},
+                           {"chi_squared", number(diagnostic.chi_squared)},
+                           {"readings", diagnostic.readings}});
+  }
   Json references = Json::array();
   for (const ReferenceRecord& r : record.references) {
     references.push_back(Json{{"parameter", r.parameter}, {"value", number(r.value)}, {"source", r.source}});
@@ -484,6 +557,7 @@ std::string to_json(const RunRecord& record) {
   const Json json = {{"schema", kSchema},
                      {"title", record.title},
                      {"data", record.simulated ? "simulated" : "measured"},
+                     {"kind", record.material_point ? "material point" : "specimen"},
                      {"status", name_of(record.fit.status)},
                      {"message", record.fit.message},
                      {"parameters", parameters},
@@ -496,8 +570,10 @@ std::string to_json(const RunRecord& record) {
                      {"curves", curves_json(record)},
                      {"shape_axes", record.shape_axes},
                      {"shapes", shapes_json(record)},
+                     {"trend_degree", record.trend_degree},
                      {"main", variant_json(record.main)},
                      {"variants", variants},
+                     {"diagnostics", diagnostics},
                      {"references", references},
                      {"setup", pairs(record.setup, "name", "value")},
                      {"remarks", record.remarks},
@@ -505,7 +581,10 @@ std::string to_json(const RunRecord& record) {
                       {{"wall_seconds", number(record.provenance.wall_seconds)},
                        {"replay_seconds", number(record.replay_seconds)},
                        {"replay_factorisations", record.replay_factorisations},
-                       {"fit_factorisations", record.fit_factorisations}}},
+                       {"fit_seconds", number(record.fit.search.seconds)},
+                       {"fit_factorisations", record.fit.search.factorisations},
+                       {"profile_seconds", number(record.fit.profiles.seconds)},
+                       {"profile_factorisations", record.fit.profiles.factorisations}}},
                      {"provenance", provenance_json(record.provenance)}};
   std::string text;
   print(json, "", text);

@@ -42,15 +42,33 @@ struct CurveRecord {
 struct ShapeRecord {
   std::string label;                            ///< "0.51 N"
   std::vector<std::array<double, 4>> segments;  ///< boundary lines x0 y0 x1 y1 in the drawing plane [m]
+  // In 2D also, for panels beside each other:
+  using Line = std::vector<std::array<double, 2>>;  ///< points in the drawing plane [m]
+  struct Area {
+    std::string region;
+    std::vector<Line> loops;  ///< closed, anticlockwise around the region, clockwise around its holes
+  };
+  std::vector<Area> areas = {};
+  std::vector<Line> cables = {};
+  std::string row = {}, column = {};  ///< what is held ("retraction 5.89 mm") and the load ("50 g")
 };
 
 /// A refit with another element or mesh.
 struct VariantRecord {
-  std::string name, mesh;  ///< its name, "quadratic, locking-free, 14 x 5 x 5 cells"
-  int unknowns = 0;
-  std::string status;                           ///< of its fit
+  std::string name, mesh;  ///< its name, "quadratic, locking-free, 14 x 5 x 5 cells"; of a material point its law
+  int unknowns = 0;        ///< of a material point: readings
+  std::string status;      ///< of its fit
   std::vector<double> values, standard_errors;  ///< per free parameter, SI
   double chi_squared = 0, seconds = 0;
+};
+
+/// One parameter fitted to a part of the readings alone, everything else held.
+struct DiagnosticRecord {
+  std::string parameter;
+  std::string part;                      ///< "retraction = 5.89 mm"
+  double value = 0, standard_error = 0;  ///< SI; NaN where that fit failed
+  double chi_squared = 0;
+  int readings = 0;
 };
 
 struct ReferenceRecord {
@@ -63,9 +81,11 @@ struct ReferenceRecord {
 /// Figures and report.html are functions of this record alone.
 struct RunRecord {
   std::string title;
-  bool simulated = false;                                  ///< the readings were simulated, not measured
-  std::string experiment_file;                             ///< its copy in the run folder
-  std::string data_file;                                   ///< its copy in the run folder
+  bool simulated = false;       ///< the readings were simulated, not measured
+  bool material_point = false;  ///< readings are nominal stresses [Pa] over control 0, a strain; curves too, and
+                                ///< variants are other laws or fewer readings
+  std::string experiment_file;  ///< its copy in the run folder
+  std::string data_file;        ///< its copy in the run folder
   std::vector<std::pair<std::string, std::string>> setup;  ///< "mesh", "quadratic ..." lines for the report
   std::vector<std::string> control_ids, control_units;     ///< SI units
   std::string load_label;                                  ///< "load", for axes
@@ -78,12 +98,14 @@ struct RunRecord {
   std::vector<CurveRecord> curves;
   std::vector<ShapeRecord> shapes;
   std::string shape_axes[2];  ///< "x", "z"
+  int trend_degree = 0;       ///< of the polynomial through each series of the effective stiffness; 0: none
   VariantRecord main;         ///< the fit itself, as a row of the table of variants
   std::vector<VariantRecord> variants;
+  std::vector<DiagnosticRecord> diagnostics;
   std::vector<ReferenceRecord> references;
   std::vector<std::string> remarks;  ///< what a reader must know: data recognised, folded elements, failures
   double replay_seconds = 0;         ///< one cold replay of all rows
-  int replay_factorisations = 0, fit_factorisations = 0;
+  int replay_factorisations = 0;
   Provenance provenance;
 };
 

@@ -11,6 +11,7 @@
 namespace taut::plot {
 
 std::optional<Drawing> deformed_shapes(const RunRecord& record) {
+  if (std::optional<Drawing> panels = shape_panels(record)) return panels;
   std::vector<double> xs, ys;
   for (const ShapeRecord& shape : record.shapes) {
     for (const std::array<double, 4>& s : shape.segments) {
@@ -71,6 +72,7 @@ std::optional<Drawing> deformed_shapes(const RunRecord& record) {
 }
 
 std::optional<Drawing> variants(const RunRecord& record) {
+  if (record.material_point) return std::nullopt;
   if (record.fit.parameters.empty() || (record.variants.empty() && record.references.empty())) return std::nullopt;
   struct Row {
     std::string kind, name;

@@ -103,9 +103,15 @@ struct Contact::Surface {
     return s;
   }
 
-  /// visit(vertex, edge) for all pairs of which the boxes meet, ascending in the vertices.
-  template <class EdgeBox, class VertexBox, class Visit>
-  void visit_near(EdgeBox&& edge_box, VertexBox&& vertex_box, Visit&& visit) const;
+  /// Boxes of all nodes of the two trees.
+  struct Boxes {
+    std::vector<Box> body, obstacles;
+  };
+  template <class EdgeBox>
+  Boxes enclose(EdgeBox&& edge_box) const;
+  /// visit(edge) for the edges that a vertex could touch and of which the boxes meet `box`.
+  template <class Visit>
+  void visit_edges(const Boxes& boxes, int vertex, const Box& box, Visit&& visit) const;
   std::vector<Near> pairs_within(const State& s, double reach, bool brute_force = false) const;
   double height(const State& s, const GroundLine& ground, int vertex) const {
     return (X.col(vertex) - ground.point).dot(ground.normal) + s.u.col(vertex).dot(ground.normal);
@@ -212,23 +218,23 @@ void Contact::Surface::find_neighbours() {
   obstacle_tree = BoxTree(obstacles);
 }
 
-template <class EdgeBox, class VertexBox, class Visit>
-void Contact::Surface::visit_near(EdgeBox&& edge_box, VertexBox&& vertex_box, Visit&& visit) const {
+template <class EdgeBox>
+Contact::Surface::Boxes Contact::Surface::enclose(EdgeBox&& edge_box) const {
   const auto boxes_of = [&](const BoxTree& tree, int begin, int end) {
     std::vector<Box> leaves;
     leaves.reserve(static_cast<size_t>(end - begin));
-    for (int e = begin; e < end; ++e) leaves.push_back(edge_box(e));
+    for (int e = begin; e < end; ++e) leaves.push_back(edge_box(edges[static_cast<size_t>(e)]));
     return tree.enclose(leaves);
   };
-  const std::vector<Box> body = boxes_of(body_tree, 0, body_edges);
-  const std::vector<Box> obstacles = boxes_of(obstacle_tree, body_edges, edge_count());
-  for (int v = 0; v < vertices(); ++v) {
-    const Box box = vertex_box(v);
-    body_tree.visit(body, box, [&](int e) {
-      if (!contains(e, v)) visit(v, e);
-    });
-    if (v < body_vertices) obstacle_tree.visit(obstacles, box, [&](int e) { visit(v, body_edges + e); });
-  }
+  return {boxes_of(body_tree, 0, body_edges), boxes_of(obstacle_tree, body_edges, edge_count())};
+}
+
+template <class Visit>
+void Contact::Surface::visit_edges(const Boxes& boxes, int vertex, const Box& box, Visit&& visit) const {
+  body_tree.visit(boxes.body, box, [&](int e) {
+    if (!contains(e, vertex)) visit(e);
+  });
+  if (vertex < body_vertices) obstacle_tree.visit(boxes.obstacles, box, [&](int e) { visit(body_edges + e); });
 }
 
 std::vector<Contact::Surface::Near> Contact::Surface::pairs_within(const State& s, double reach,
@@ -250,12 +256,12 @@ std::vector<Contact::Surface::Near> Contact::Surface::pairs_within(const State& 
   const double margin = reach * (1 + 1e-6) + 1e-15 * (X.cwiseAbs().maxCoeff() + s.u.cwiseAbs().maxCoeff());
   const Eigen::Matrix2Xd x = X + s.u;
   const Eigen::Vector2d around = Eigen::Vector2d::Constant(margin);
-  visit_near(
-      [&](int e) {
-        const auto& [a, b] = edges[static_cast<size_t>(e)];
-        return Box(x.col(a).cwiseMin(x.col(b)) - around, x.col(a).cwiseMax(x.col(b)) + around);
-      },
-      [&](int v) { return Box(Eigen::Vector2d(x.col(v))); }, look);
+  const Boxes boxes = enclose([&](const auto& edge) {
+    const auto [a, b] = edge;
+    return Box(x.col(a).cwiseMin(x.col(b)) - around, x.col(a).cwiseMax(x.col(b)) + around);
+  });
+  for (int v = 0; v < vertices(); ++v)
+    visit_edges(boxes, v, Box(Eigen::Vector2d(x.col(v))), [&](int e) { look(v, e); });
   std::sort(pairs.begin(), pairs.end(), [](const Near& one, const Near& two) {
     return one.vertex < two.vertex || (one.vertex == two.vertex && one.edge < two.edge);
   });
@@ -469,22 +475,31 @@ double Contact::step_limit(const Point& at, const Eigen::VectorXd& step) const {
     }
   }
   const Eigen::Matrix2Xd x = surface.X + s.u, y = x + change.u;
-  const Eigen::Vector2d around = Eigen::Vector2d::Constant(1e-15 * x.cwiseAbs().maxCoeff());
-  const auto swept = [&](int v) {
-    return Box(x.col(v).cwiseMin(y.col(v)) - around, x.col(v).cwiseMax(y.col(v)) + around);
+  const double rounding = 1e-15 * std::max(x.cwiseAbs().maxCoeff(), y.cwiseAbs().maxCoeff());
+  const auto around = [](const Eigen::Vector2d& low, const Eigen::Vector2d& high, double margin) {
+    return Box(low.array() - margin, high.array() + margin);
   };
-  surface.visit_near(
-      [&](int e) {
-        const auto& [a, b] = surface.edges[static_cast<size_t>(e)];
-        return swept(a).merged(swept(b));
-      },
-      swept,
-      [&](int v, int e) {
-        if (limit == 0) return;
-        const auto& [a, b] = surface.edges[static_cast<size_t>(e)];
-        limit = free_motion(
-            {s.from(a, v), s.from(a, b), change.u.col(v) - change.u.col(a), change.u.col(b) - change.u.col(a)}, limit);
-      });
+  const auto swept = [&](int v) { return around(x.col(v).cwiseMin(y.col(v)), x.col(v).cwiseMax(y.col(v)), rounding); };
+  const Surface::Boxes boxes = surface.enclose([&](const auto& edge) { return swept(edge[0]).merged(swept(edge[1])); });
+  // Distance to the nearest edge at the start, if that is below `radius`.
+  const auto clearance = [&](int v, double radius) {
+    double nearest = radius;
+    surface.visit_edges(boxes, v, around(x.col(v), x.col(v), radius),
+                        [&](int e) { nearest = std::min(nearest, s.closest(v, e).distance); });
+    return nearest;
+  };
+  for (int v = 0; v < surface.vertices() && limit > 0; ++v) {
+    surface.visit_edges(boxes, v, swept(v), [&](int e) {
+      const auto& [a, b] = surface.edges[static_cast<size_t>(e)];
+      const MovingPair pair{s.from(a, v), s.from(a, b), change.u.col(v) - change.u.col(a),
+                            change.u.col(b) - change.u.col(a)};
+      const double distance = closest_on_segment(pair.r, pair.e).distance;
+      if (free_motion(pair, 0.1 * distance, limit) == limit) return;
+      // What slides along a face comes as near to the vertices ahead as it is to the face.
+      const double nearest = std::min({clearance(v, distance), clearance(a, distance), clearance(b, distance)});
+      limit = free_motion(pair, 0.1 * nearest, limit);
+    });
+  }
   return limit;
 }
 

@@ -87,8 +87,10 @@ class Contact : public Term {
   bool depends_on(int index) const override;
   /// Where two kappas are equal, the derivative is that of the one with the lower index.
   void add_parameter_gradient(const Point& at, int index, Eigen::VectorXd& out) const override;
-  /// Every distance keeps a tenth of what it is at the start, at every time on the way. 0 for steps that are not finite
-  /// and from states that touch.
+  /// At every time on the way the distance of a node and an edge stays above a tenth of the clearance at the start: the
+  /// distance of the node, or of an end of the edge, to the nearest edge (or ground). The limit is below 1 only where
+  /// some pair comes down to two tenths of its own distance. 0 for steps that are not finite and from states that
+  /// touch.
   double step_limit(const Point& at, const Eigen::VectorXd& step) const override;
 
   /// Pairs closer than dhat, sorted by node and edge. `brute_force` looks at all pairs (for tests).

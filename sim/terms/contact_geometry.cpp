@@ -142,24 +142,20 @@ PointLineDistance::Matrix6 PointLineDistance::hessian(double first, double secon
   return H;
 }
 
-double free_motion(const MovingPair& pair, double horizon) {
-  double t = 0, kept = 0;
+double free_motion(const MovingPair& pair, double keep, double horizon) {
+  double t = 0;
   for (int advance = 0; advance < 1000; ++advance) {
     const Eigen::Vector2d r = pair.r + t * pair.dr, e = pair.e + t * pair.de;
     const Closest now = closest_on_segment(r, e);
     if (!(now.distance > 0)) return 0;
-    if (advance == 0) {
-      kept = 0.1 * now.distance;
-    } else if (now.distance < 2 * kept) {
-      return t;
-    }
-    // Both ends of the segment lie beyond the line through the closest point; neither may come nearer than `kept`.
+    if (now.distance < 2 * keep) return t;
+    // Both ends of the segment lie beyond the line through the closest point; neither may come nearer than `keep`.
     const Eigen::Vector2d& n = now.normal;
     const double to_first = n.dot(r), to_second = n.dot(r - e);
     const double first_rate = n.dot(pair.dr), second_rate = n.dot(pair.dr - pair.de);
     double forward = 2;
-    if (first_rate < 0) forward = std::min(forward, (to_first - kept) / -first_rate);
-    if (second_rate < 0) forward = std::min(forward, (to_second - kept) / -second_rate);
+    if (first_rate < 0) forward = std::min(forward, (to_first - keep) / -first_rate);
+    if (second_rate < 0) forward = std::min(forward, (to_second - keep) / -second_rate);
     if (!(forward > 0)) return t;
     if (t + forward >= horizon) return horizon;
     t += forward;

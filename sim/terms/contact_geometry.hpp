@@ -73,15 +73,15 @@ struct MovingPair {
   Eigen::Vector2d dr, de;  ///< their changes until t = 1 [m]
 };
 
-/// A t in [0, horizon] such that at every time up to t the distance is at least a tenth of what it was at 0; `horizon`
-/// (<= 1) if that holds all the way. Never too large; too small only where less than two tenths are left at t.
+/// A t in [0, horizon] such that the distance is at least `keep` > 0 at every time up to t; `horizon` (<= 1) if that
+/// holds all the way. Never too large; too small only where less than 2 `keep` are left at t.
 ///
 /// Conservative advancement: at time t the direction n from the closest point to p separates the two as long as both
 /// n . (p - a) and n . (p - b), linear in time, stay positive. That bounds the time of contact from below; from there
 /// the next direction is taken. Additive CCD (Li et al. 2021, Codimensional Incremental Potential Contact) bounds the
 /// approach by the lengths of the motions instead, and would crawl where narrow gaps slide. Returns 0 for a pair that
-/// touches at the start.
-double free_motion(const MovingPair& pair, double horizon = 1.0);
+/// starts nearer than 2 `keep`; valid for `keep` above the rounding of the vectors.
+double free_motion(const MovingPair& pair, double keep, double horizon = 1.0);
 
 /// Sign of the area of the triangle a, b, c: +1 anticlockwise, -1 clockwise, 0 on a line. Exact for all doubles whose
 /// products neither overflow nor underflow (a floating-point filter before exact expansions, Shewchuk 1997).

@@ -213,7 +213,7 @@ class Solid final : public Term {
     const bool wants_gradient = out.gradient != nullptr, wants_hessian = out.wants_hessian();
     Law<Material> law{material};
     double energy = 0, modulus = 0, pressure = 0, measure = 0;
-    if constexpr (averaged) {
+    if constexpr (averaged && Material::splits_volume) {
       for (double w : element.weight) measure += t * w;
       modulus = material.volumetric_modulus();
       const double mean = mean_dilatation(element, u);

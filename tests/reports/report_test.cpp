@@ -112,6 +112,63 @@ TEST_F(ReportTest, EveryFigureExistsInThreeFormatsWithItsNumbersAndScript) {
   EXPECT_EQ(first["sigma_mm"], "0.2");
 }
 
+TEST_F(ReportTest, ShapesOfSeveralMaterialsOrHeldValuesArePanelsWithFilledRegionsAndCables) {
+  const RunRecord record = test::push_puppet_module();
+  std::string svg;
+  for (const Figure& figure : draw_figures(record, folder())) svg += figure.name == "deformed_shapes" ? figure.svg : "";
+  for (const char* text : {"retraction 0 mm", "retraction 17.2 mm", "mass 0 g", "mass 500 g", "foam", "plastic",
+                           "cable", "outline at rest", "SIMULATED DATA"}) {
+    EXPECT_TRUE(contains(svg, text)) << text;
+  }
+  const auto all = rows("figures/deformed_shapes.csv");
+  EXPECT_EQ(count(all, "cable"), 4 * 5 * 2 * 10);  // conditions, cables, points of each
+  std::set<std::string> regions;
+  for (auto row : all) regions.insert(row["name"]);
+  EXPECT_EQ(regions, (std::set<std::string>{"", "foam", "plastic"}));
+}
+
+TEST_F(ReportTest, MoreConditionsThanFitArePickedAndTheCaptionSaysSo) {
+  RunRecord record = test::push_puppet_module();
+  const ShapeRecord shape = record.shapes.back();
+  for (int i = 0; i < 20; ++i) {
+    record.shapes.push_back(shape);
+    record.shapes.back().column = "mass " + std::to_string(600 + i) + " g";
+  }
+  for (const Figure& figure : draw_figures(record, folder())) {
+    if (figure.name != "deformed_shapes") continue;
+    EXPECT_TRUE(contains(figure.caption, "24 of 100 conditions are shown")) << figure.caption;
+    EXPECT_TRUE(contains(figure.svg, "mass 0 g"));
+    EXPECT_TRUE(contains(figure.svg, "mass 619 g"));
+  }
+}
+
+TEST_F(ReportTest, ATrendIsAPolynomialThroughEachSeriesOnRequest) {
+  RunRecord record = test::empty_record("E", 1e5, 1e3);
+  for (const double load : {1.0, 2.0, 3.0, 4.0}) {
+    const double stiffness = 100 + 20 * load + 5 * load * load;  // which a parabola meets
+    add_reading(record, "1", "tip", load, load / stiffness, 1e-4, load / stiffness);
+  }
+  draw_figures(record, folder());
+  EXPECT_EQ(count(rows("figures/effective_stiffness.csv"), "trend"), 0);
+  record.trend_degree = 2;
+  draw_figures(record, folder());
+  int points = 0;
+  for (auto row : rows("figures/effective_stiffness.csv")) {
+    if (row["kind"] != "trend") continue;
+    ++points;
+    const double load = std::stod(row["load_N"]);
+    EXPECT_NEAR(std::stod(row["stiffness_N_per_m"]), 100 + 20 * load + 5 * load * load, 1e-6);
+  }
+  EXPECT_EQ(points, 41);
+  record.trend_degree = 7;  // more than the four loads can tell: the cubic through them
+  draw_figures(record, folder());
+  for (auto row : rows("figures/effective_stiffness.csv")) {
+    if (row["kind"] == "trend" && row["load_N"] == "2.5") {
+      EXPECT_NEAR(std::stod(row["stiffness_N_per_m"]), 100 + 50 + 5 * 6.25, 1e-6);
+    }
+  }
+}
+
 TEST_F(ReportTest, FiguresWithNothingToShowAreLeftOut) {
   RunRecord record = test::tendon_finger();
   record.shapes.clear();

@@ -42,8 +42,40 @@ class RunRecordTest : public ::testing::Test {
   std::filesystem::path folder_;
 };
 
+TEST_F(RunRecordTest, AreasAndCablesOfShapesSurviveAndOlderFilesHaveNone) {
+  const RunRecord record = test::push_puppet_module();
+  write_file(path("fit.json"), to_json(record));
+  RunRecord again = read_run(folder_.string());
+  ASSERT_EQ(again.shapes.size(), record.shapes.size());
+  const ShapeRecord &a = again.shapes.back(), &b = record.shapes.back();
+  EXPECT_EQ(a.row, b.row);
+  EXPECT_EQ(a.column, b.column);
+  EXPECT_EQ(a.cables, b.cables);
+  ASSERT_EQ(a.areas.size(), 2u);
+  EXPECT_EQ(a.areas[1].region, "plastic");
+  EXPECT_EQ(a.areas[1].loops, b.areas[1].loops);
+  EXPECT_EQ(again.trend_degree, 2);
+
+  nlohmann::ordered_json json = nlohmann::ordered_json::parse(to_json(record));
+  json.erase("trend_degree");
+  for (auto& shape : json["shapes"]) {
+    for (const char* key : {"areas", "cables", "row", "column"}) shape.erase(key);
+  }
+  write_file(path("fit.json"), json.dump());
+  again = read_run(folder_.string());
+  EXPECT_TRUE(again.shapes.back().areas.empty());
+  EXPECT_TRUE(again.shapes.back().cables.empty());
+  EXPECT_EQ(again.trend_degree, 0);
+
+  json = nlohmann::ordered_json::parse(to_json(record));
+  json["shapes"][0]["cables"][0].push_back(1.0);
+  write_file(path("fit.json"), json.dump());
+  expect_input_error([&] { read_run(folder_.string()); }, {"shapes[0].cables[0]", "even number of coordinates"});
+}
+
 TEST_F(RunRecordTest, ReadingBackReproducesTheRecord) {
-  for (const RunRecord& record : {test::hanging_block(), test::tendon_finger(), RunRecord()}) {
+  for (const RunRecord& record :
+       {test::hanging_block(), test::tendon_finger(), test::push_puppet_module(), RunRecord()}) {
     write_file(path("fit.json"), to_json(record));
     const RunRecord again = read_run(folder_.string());
     EXPECT_EQ(to_json(again), to_json(record));

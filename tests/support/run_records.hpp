@@ -1,9 +1,13 @@
 #pragma once
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
 #include "calib/units.hpp"
 #include "reports/run_record.hpp"
+#include "sim/mesh/loops.hpp"
+#include "sim/mesh/push_puppet.hpp"
 
 namespace taut::test {
 
@@ -56,7 +60,8 @@ inline RunRecord empty_record(const std::string& parameter, double value, double
   record.shape_axes[1] = "z";
   record.replay_seconds = 1.25;
   record.replay_factorisations = 31;
-  record.fit_factorisations = 280;
+  record.fit.search = {1.5, 280};
+  record.fit.profiles = {0.5, 60};
   return record;
 }
 
@@ -210,6 +215,58 @@ inline RunRecord tendon_finger() {
   record.references = {{"E_foam", 60e3, "value the simulation was made with"},
                        {"mu_tendon", 0.25, "value the simulation was made with"}};
   set_statistics(record, 1e-38, {true, 280.0, 15.5, 14, 32, 41.3, 1e-17});
+  return record;
+}
+
+/// A module with cables at the same retractions and masses; its shapes are a made-up map of the reference module's
+/// mesh.
+inline RunRecord push_puppet_module() {
+  RunRecord record = tendon_finger();
+  record.title = "Push-puppet module under cable retraction and hung masses";
+  record.shape_axes[0] = "x";
+  record.shape_axes[1] = "y";
+  const Mesh mesh = mesh_push_puppet({}, {2.6e-3, 2, 1});
+  const auto shape_of = [&](double retraction, double drop) {
+    const auto moved = [&](const Eigen::Vector2d& p) {
+      const double cells = std::clamp(p.x(), 0.0, 55e-3) / 14.5e-3, whole = std::floor(cells);
+      const double shortened = retraction / 4 * (whole + std::min(1.0, (cells - whole) * 14.5 / 11.5));
+      const double s = p.x() / 58e-3, slope = 2 * drop / 58e-3 * s;
+      return std::array<double, 2>{p.x() - shortened + slope * p.y(), p.y() - drop * s * s};
+    };
+    ShapeRecord shape;
+    const Tag edges = boundary(mesh);
+    for (int i = 0; i < edges.count(); ++i) {
+      const auto a = moved(mesh.node(edges.entities[2 * i])), b = moved(mesh.node(edges.entities[2 * i + 1]));
+      shape.segments.push_back({a[0], a[1], b[0], b[1]});
+    }
+    for (size_t r = 0; r < mesh.region_names.size(); ++r) {
+      shape.areas.push_back({mesh.region_names[r], {}});
+      for (const std::vector<int>& loop : region_loops(mesh, static_cast<int>(r))) {
+        ShapeRecord::Line& line = shape.areas.back().loops.emplace_back();
+        for (int node : loop) line.push_back(moved(mesh.node(node)));
+      }
+    }
+    for (int side : {1, -1}) {
+      ShapeRecord::Line& line = shape.cables.emplace_back();
+      for (const Eigen::Vector2d& p : cable_path({}, side)) line.push_back(moved(p));
+    }
+    return shape;
+  };
+  record.shapes.clear();
+  record.shapes.push_back(shape_of(0, 0));
+  record.shapes.back().label = "rest";
+  const double retractions[] = {0, 5.89e-3, 11.79e-3, 17.2e-3}, masses[] = {0, 0.05, 0.1, 0.2, 0.5};
+  const double compliance[] = {24e-3, 12e-3, 6e-3, 0.8e-3};
+  for (int r = 0; r < 4; ++r) {
+    for (double mass : masses) {
+      record.shapes.push_back(shape_of(retractions[r], compliance[r] * mass));
+      ShapeRecord& shape = record.shapes.back();
+      shape.row = "retraction " + (r == 0 ? std::string("0 mm") : with_unit(retractions[r], "m"));
+      shape.column = "mass " + (mass == 0 ? std::string("0 g") : with_unit(mass, "kg"));
+      shape.label = shape.row + ", " + shape.column;
+    }
+  }
+  record.trend_degree = 2;
   return record;
 }
 

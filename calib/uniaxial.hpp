@@ -1,0 +1,85 @@
+#pragma once
+#include <map>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "calib/experiment.hpp"
+#include "calib/fit.hpp"
+#include "calib/protocol.hpp"
+#include "calib/trials.hpp"
+
+namespace taut {
+
+/// How a material point is loaded. Tension and compression differ in the sign of the strain only.
+enum class PointMode { tension, compression, shear };
+/// "tension", "compression", "shear": the ids under which a bench file names them.
+std::string_view name_of(PointMode mode);
+
+struct PointRow {
+  PointMode mode = PointMode::tension;
+  double strain = 0;  ///< engineering strain s - 1 (compression < 0), or the amount of shear
+};
+
+/// Homogeneous tests on one material, without a mesh. Predicts the nominal stress [Pa], force per rest area:
+///
+///   tension, compression:  P_11 at F = diag(s, a, a), a such that the sides are free: P_22 = 0 (Newton's method),
+///   shear:                 P_12 at F = I + g e_1 e_2^T, the plates keeping their distance.
+///
+/// dP_11/dtheta at free sides is that at fixed F minus (dP_11/da) (dP_22/dtheta) / (dP_22/da) (implicit function
+/// theorem). Parameters are the law's constants, "<constant>_<region>". Valid where deformation is homogeneous: sides
+/// that slide freely on the platens, specimens long (tension) or flat (shear) enough. A prediction whose free sides are
+/// not found is NaN and a failure.
+class UniaxialProtocol final : public Protocol {
+ public:
+  /// Throws InputError for an unknown law, and for a constant that is missing, unknown or outside its physical range.
+  UniaxialProtocol(const std::string& region, const std::string& law, const std::map<std::string, double>& constants,
+                   std::vector<PointRow> rows);
+
+  const ParameterTable& parameters() const override { return table_; }
+  const Params& nominal() const override { return nominal_; }
+  int row_count() const override { return static_cast<int>(rows_.size()); }
+  Prediction predict(const Params& p, const std::vector<int>& free) override;
+
+ private:
+  std::string law_;
+  ParameterTable table_;
+  Params nominal_;
+  std::vector<PointRow> rows_;
+};
+
+/// A [[fit.variant]]: the same fit with another law, or with the readings of some modes only.
+struct UniaxialVariant {
+  std::string name, law;
+  std::map<std::string, double> constants;
+  std::vector<PointMode> modes;
+};
+
+/// An experiment with geometry kind "uniaxial": title, data, materials (one), bench, free parameters and references of
+/// `common` are used.
+struct UniaxialExperiment {
+  Experiment common;
+  std::vector<UniaxialVariant> variants;
+};
+
+/// Whether the experiment file at `path` is of this kind. False when it cannot be read: read_experiment() says why.
+bool is_uniaxial(const std::string& path);
+
+/// Reads and checks an experiment file of this kind. Throws InputError as read_experiment() does.
+UniaxialExperiment read_uniaxial(const std::string& path);
+
+/// Readings of a bench as rows: one per distinct (mode, strain), readings of one row are repeats.
+struct UniaxialBench {
+  std::vector<PointRow> rows;
+  std::vector<Measurement> measurements;  ///< one per reading
+};
+
+/// Throws InputError for tension with a negative and compression with a positive strain, and strains of -100 % or less.
+UniaxialBench make_uniaxial_bench(const BenchFormat& format, const Trials& trials);
+
+/// The free parameters of `experiment` that the protocol's law has, with starts and bounds. Throws as free_parameters()
+/// does.
+std::vector<FreeParameter> free_parameters_of_law(const Experiment& experiment, const Protocol& protocol);
+
+}  // namespace taut
