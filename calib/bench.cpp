@@ -171,6 +171,14 @@ Mesh make_mesh(const Experiment& experiment, const MeshSettings& settings) {
       // Closed lips rest about this far apart: taken off their faces, so that they close where the specimen's own do.
       const PushPuppetMesh resolution{settings.size, settings.lip_cells, settings.order};
       const double gap = contact_gap(settings, mesh_push_puppet(g.puppet, resolution).diagonal());
+      const double largest = std::min(0.5 * g.puppet.gap_total / g.puppet.cells, g.puppet.via_inset);
+      if (experiment.contact.on && gap > largest) {
+        throw InputError(fmt::format(
+            "the contact gap of {:.4g} mm is too large for the module: faces would push each other at rest or lose "
+            "their "
+            "via points; set contact_gap below {:.4g} mm (half a gap between lips, and via_inset), or leave it out",
+            1e3 * gap, 1e3 * largest));
+      }
       return mesh_push_puppet(
           g.puppet, resolution,
           experiment.contact.on && experiment.contact.compensate ? 0.5 * resting_distance * gap : 0.0);

@@ -78,7 +78,8 @@ GeometrySettings read_geometry(TableReader table, const std::string& path) {
   GeometrySettings geometry;
   geometry.kind = table.choice("kind", {"box", "rectangle", "boxes", "polygons", "push_puppet", "msh", "uniaxial"});
   if (geometry.kind == "uniaxial") {
-    table.fail("kind", "a uniaxial experiment has no mesh and no states to show; use `taut check` and `taut fit` on it");
+    table.fail("kind",
+               "a uniaxial experiment has no mesh and no states to show; use `taut check` and `taut fit` on it");
   }
   geometry.dimension =
       geometry.kind == "rectangle" || geometry.kind == "polygons" || geometry.kind == "push_puppet" ? 2 : 3;

@@ -248,7 +248,8 @@ std::optional<double> profile_end(Evaluator& evaluator, const std::vector<FreePa
   const Scale& scale = evaluator.scale(j);
   const double bound = scale.inside(sign > 0 ? free[j].upper : free[j].lower);
   FitOptions coarse = options;
-  coarse.tolerance = std::min(1e-3, 0.005 * profile_rise / std::max(best.chi_squared, 1e-12));  // of the rise: half a per cent
+  coarse.tolerance =
+      std::min(1e-3, 0.005 * profile_rise / std::max(best.chi_squared, 1e-12));  // of the rise: half a per cent
   std::vector<double> start = best.q;
   auto rise_at = [&](double q) {
     const Eigen::Index k = static_cast<Eigen::Index>(j);

@@ -25,10 +25,12 @@ PointMode mode_named(const std::string& name) {
 }
 
 /// The lateral strain a - 1 at which sides are free; nothing when it is not found. Newton's method on ln a, in which
-/// far stretches are near: dPsi/d ln a = 2 a P_22 on both sides together.
+/// far stretches are near: dPsi/d ln a = 2 a P_22 on both sides together. The start, a = s^-nu with the law's Poisson's
+/// ratio at rest, is the answer for laws of logarithmic strain, Ogden-Hill among them.
 template <class Material>
 std::optional<double> lateral_strain(const Material& material, double strain) {
-  double lateral = 0;
+  const Tangent<double, 3> rest = material.tangent(Tensor<double, 3>(Tensor<double, 3>::Zero()));
+  double lateral = std::expm1(-rest(0, 4) / (rest(4, 4) + rest(4, 8)) * std::log1p(strain));
   for (int iteration = 0; iteration < 100; ++iteration) {
     const Tensor<double, 3> H = Eigen::Vector3d(strain, lateral, lateral).asDiagonal();
     const double a = 1 + lateral, residual = a * material.stress(H)(1, 1);

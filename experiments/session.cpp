@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cstdio>
 #include <filesystem>
 #include <set>
@@ -270,8 +271,13 @@ RunRecord start_record(const Session& session, const CommandOptions& options) {
   record.parameter_ids = protocol.parameters().ids();
   for (int control : protocol.controls()) record.control_units.push_back(protocol.parameters()[control].unit);
   record.load_control = load_control(session);
-  record.load_label =
-      record.load_control < 0 ? "load" : session.trials.control_ids[static_cast<size_t>(record.load_control)];
+  if (record.load_control >= 0) {
+    const size_t k = static_cast<size_t>(record.load_control);
+    record.load_label =
+        session.trials.control_ids[k] + (session.trials.control_quantities[k] == Quantity::mass ? " × g" : "");
+  } else {
+    record.load_label = "load";
+  }
   for (const Reading& reading : session.trials.readings) {
     ReadingRecord line;
     line.line = reading.line;
@@ -310,29 +316,38 @@ std::vector<CurveRecord> make_curves(const Session& session, const Params& p, co
   const int load = load_control(session);
   if (load < 0) return {};
   const size_t k = static_cast<size_t>(load);
-  constexpr int points = 9;
   Trials grid = session.trials;
   grid.readings.clear();
   std::map<std::string, std::vector<double>> held;  // series label to controls
-  double lowest = 0, highest = 0;
+  std::set<double> loads{0.0};
   for (const Reading& reading : session.trials.readings) {
     held.try_emplace(series_of(session, reading.controls), reading.controls);
-    lowest = std::min(lowest, reading.controls[k]);
-    highest = std::max(highest, reading.controls[k]);
+    loads.insert(reading.controls[k]);
   }
+  // At every measured load, where curve and readings are compared, and in even steps between them.
+  const double lowest = *loads.begin(), highest = *loads.rbegin(), step = (highest - lowest) / 10;
+  if (loads.size() > 20) loads = {lowest, highest};
+  const std::set<double> measured = loads;
+  for (int i = 1; i < 10; ++i) {
+    const double value = lowest + step * i;
+    const bool near = std::any_of(measured.begin(), measured.end(),
+                                  [&](double load_there) { return std::abs(load_there - value) < 0.4 * step; });
+    if (!near) loads.insert(value);
+  }
+  const size_t points = loads.size();
   std::vector<CurveRecord> curves;
   for (auto& [series, controls] : held) {
     for (size_t channel = 0; channel < grid.channel_ids.size(); ++channel) {
       CurveRecord& curve = curves.emplace_back();
       curve.channel = grid.channel_ids[channel];
       curve.series = series;
-      for (int i = 0; i < points; ++i) {
+      for (double value : loads) {
         Reading reading;
         reading.controls = controls;
-        reading.controls[k] = lowest + (highest - lowest) * i / (points - 1);
+        reading.controls[k] = value;
         reading.channel = static_cast<int>(channel);
         reading.sigma = 1;
-        curve.load.push_back(load_in_newtons(session.experiment, grid.control_quantities[k], reading.controls[k]));
+        curve.load.push_back(load_in_newtons(session.experiment, grid.control_quantities[k], value));
         grid.readings.push_back(reading);
       }
     }
@@ -352,7 +367,7 @@ std::vector<CurveRecord> make_curves(const Session& session, const Params& p, co
   const Eigen::VectorXd increment_se = standard_errors(increments, bench.protocol->parameters(), p, free, covariance);
   size_t reading = 0;
   for (CurveRecord& curve : curves) {
-    for (int i = 0; i < points; ++i, ++reading) {
+    for (size_t i = 0; i < points; ++i, ++reading) {
       const int row = bench.row_of_reading[reading];
       curve.value.push_back(prediction.values[row]);
       curve.se.push_back(se[row]);
@@ -451,11 +466,26 @@ std::vector<ShapeRecord> make_shapes(const Session& session, const std::string& 
     }
   };
   draw("rest", Eigen::VectorXd::Zero(mesh.X.size()));
+  // What is held first, the load second: states next to each other in the figures and in states.pvd.
+  const int load = load_control(session);
+  std::vector<const StaticProtocol::Condition*> conditions;
   for (const StaticProtocol::Condition& condition : session.bench.protocol->conditions()) {
-    if (condition.report.status != SolveStatus::converged) continue;
+    if (condition.report.status == SolveStatus::converged) conditions.push_back(&condition);
+  }
+  const auto held_then_load = [&](const StaticProtocol::Condition* one, const StaticProtocol::Condition* other) {
+    std::vector<double> a = one->controls, b = other->controls;
+    if (load >= 0) {
+      std::rotate(a.begin() + load, a.begin() + load + 1, a.end());
+      std::rotate(b.begin() + load, b.begin() + load + 1, b.end());
+    }
+    return a < b;
+  };
+  std::stable_sort(conditions.begin(), conditions.end(), held_then_load);
+  for (const StaticProtocol::Condition* solved : conditions) {
+    const StaticProtocol::Condition& condition = *solved;
     draw(describe_controls(session, condition.controls), condition.u);
     shapes.back().row = series_of(session, condition.controls);
-    if (const int load = load_control(session); load >= 0)
+    if (load >= 0)
       shapes.back().column = session.trials.control_ids[static_cast<size_t>(load)] + " " +
                              control_text(session, static_cast<size_t>(load), condition.controls[load]);
     const std::string file = fmt::format("state_{:03}.vtu", files.size());

@@ -91,7 +91,10 @@ std::vector<std::pair<std::string, std::string>> describe_setup(const PointSessi
                          fmt::format("{} readings, strains from {:.3g} to {:.3g} %", count, 100 * *strains.begin(),
                                      100 * *strains.rbegin()));
   }
-  for (const std::string& remark : session.trials.remarks) lines.emplace_back("bench", remark);
+  for (const std::string& remark : session.trials.remarks) {
+    // Its count of conditions and trials takes every strain for a load under which each mode should be read.
+    if (remark.find(" conditions, ") == std::string::npos) lines.emplace_back("bench", remark);
+  }
   return lines;
 }
 
@@ -232,6 +235,7 @@ int fit_uniaxial(const CommandOptions& options) {
     return exit_solve;
   }
   record.main = as_variant(session.main, record.fit, record.fit, record.readings.size(), seconds_since(start));
+  record.main.name = session.main.law;
   for (size_t i = 0; i < record.readings.size(); ++i) {
     const int row = session.bench.measurements[i].row;
     record.readings[i].predicted = record.fit.predicted[row];

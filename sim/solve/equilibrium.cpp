@@ -46,6 +46,8 @@ std::string SolveReport::message() const {
   if (status != SolveStatus::converged) {
     text += fmt::format(", reached {:.3g} % of the load, out-of-balance force {:.3g} N", 100 * reached, gradient);
   }
+  if (status == SolveStatus::load_step_limit)
+    text += "; the equilibrium path seems to end there, as at a limit load: lower the load or change where it starts";
   return text;
 }
 

@@ -1,8 +1,7 @@
 #include "calib/uniaxial.hpp"
 
-#include <fstream>
-
 #include "sim/materials/neo_hookean.hpp"
+#include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/taylor.hpp"
 
@@ -110,11 +109,11 @@ TEST(Uniaxial, WrongConstantsAreRefused) {
       {"nu_foam = 0.6", "physical range"});
 }
 
-/// An experiment and its bench in a folder of their own; one line replaced at wish.
+/// Writes an experiment and its bench, one line replaced at wish.
 std::string written(
-    const std::string& from = "", const std::string& to = "",
+    const TemporaryFolder& folder, const std::string& from = "", const std::string& to = "",
     const std::string& bench = "mode,strain_%,stress_kPa\ntension,10,9\ncompression,-10,-9\nshear,5,2\n") {
-  std::string text = R"(title = "foam"
+  const std::string text = R"(title = "foam"
 data = "measured"
 [geometry]
 kind = "uniaxial"
@@ -137,18 +136,13 @@ name = "neo-Hookean in compression"
 law = "neo_hookean"
 modes = ["compression"]
 )";
-  if (!from.empty()) {
-    EXPECT_NE(text.find(from), std::string::npos) << from;
-    text.replace(text.find(from), from.size(), to);
-  }
-  const std::string folder = ::testing::TempDir();
-  std::ofstream(folder + "/bench.csv") << bench;
-  std::ofstream(folder + "/uniaxial.toml") << text;
-  return folder + "/uniaxial.toml";
+  folder.write("bench.csv", bench);
+  return folder.write("uniaxial.toml", from.empty() ? text : replaced(text, from, to));
 }
 
 TEST(Uniaxial, ExperimentFilesAreRead) {
-  const std::string path = written();
+  const TemporaryFolder folder;
+  const std::string path = written(folder);
   EXPECT_TRUE(is_uniaxial(path));
   EXPECT_FALSE(is_uniaxial(path + ".missing"));
   const UniaxialExperiment experiment = read_uniaxial(path);
@@ -174,8 +168,9 @@ TEST(Uniaxial, ExperimentFilesAreRead) {
 }
 
 TEST(Uniaxial, WrongExperimentFilesAreRefused) {
-  const auto expect = [](const std::string& from, const std::string& to, const std::vector<std::string>& parts) {
-    const std::string path = written(from, to);
+  const TemporaryFolder folder;
+  const auto expect = [&](const std::string& from, const std::string& to, const std::vector<std::string>& parts) {
+    const std::string path = written(folder, from, to);
     expect_input_error([&] { read_uniaxial(path); }, parts);
   };
   expect("alpha = 8", "alpha = 80", {"alpha", "outside the physical range"});
@@ -184,13 +179,14 @@ TEST(Uniaxial, WrongExperimentFilesAreRefused) {
   expect("law = \"ogden_hill\"", "law = \"ogden\"", {"'ogden'", "ogden_hill"});
   expect("[fit.free.alpha_foam]", "[mesh]", {"mesh"});
   expect("strain = \"strain_%\"\n", "", {"'strain' is missing"});
-  const std::string path = written();
+  const std::string path = written(folder);
   expect_input_error([&] { read_experiment(path); }, {"uniaxial", "no mesh", "taut fit"});
 }
 
 TEST(Uniaxial, StrainsOfTheWrongSignAreRefused) {
   for (const char* row : {"tension,-10,9", "compression,10,-9", "compression,-100,-9"}) {
-    const std::string path = written("", "", std::string("mode,strain_%,stress_kPa\n") + row + "\n");
+    const TemporaryFolder folder;
+    const std::string path = written(folder, "", "", std::string("mode,strain_%,stress_kPa\n") + row + "\n");
     const BenchFormat format = read_uniaxial(path).common.bench;
     expect_input_error([&] { make_uniaxial_bench(format, read_trials(format)); }, {"line 2", "engineering strain"});
   }

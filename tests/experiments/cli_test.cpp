@@ -130,7 +130,7 @@ TEST_F(Command, WrongUsageIsExitCodeTwoWithASentenceOnStderr) {
     expect_holds(outcome.err, parts);
     EXPECT_EQ(std::count(outcome.err.begin(), outcome.err.end(), '\n'), 1) << outcome.err;
   };
-  refuses({"fti", experiment_}, {"unknown command 'fti'", "did you mean 'fit'", "check, replay, fit, predict, report"});
+  refuses({"fti", experiment_}, {"unknown command 'fti'", "did you mean 'fit'", "check, draw, replay, fit, predict, report"});
   refuses({"check"}, {"EXPERIMENT is missing", "usage: taut check"});
   refuses({"check", experiment_, "--jsn"}, {"--jsn"});
   refuses({"check", experiment_, "another.toml"}, {"taut --help"});
@@ -198,6 +198,21 @@ TEST_F(Command, CheckWarnsAboutElementsThatLock) {
   folder_.write("beam/experiment.toml", beam_toml.substr(0, beam_toml.find("[fit.free")));
   const Outcome nothing_free = taut({"check", experiment_, "--json"});
   EXPECT_EQ(json::parse(nothing_free.out).at("free"), json::array());
+}
+
+// ---- draw
+
+TEST_F(Command, DrawNeedsNoBenchAndNamesItsFiles) {
+  fs::remove(folder_ / "beam/bench.csv");
+  const Outcome outcome = taut({"draw", experiment_, "--out", folder_ / "drawn"});
+  EXPECT_EQ(outcome.code, 0) << outcome.err;
+  for (const char* format : {"svg", "pdf", "png", "csv"}) {
+    const std::string file = folder_ / (std::string("drawn/figures/drawing.") + format);
+    expect_holds(outcome.out, {file});
+    EXPECT_TRUE(fs::exists(file)) << file;
+  }
+  const Outcome as_json = taut({"draw", experiment_, "--out", folder_ / "drawn", "--json"});
+  EXPECT_EQ(json::parse(as_json.out).at("files").size(), 4u);
 }
 
 // ---- replay

@@ -146,7 +146,7 @@ TEST_F(ReportTest, ATrendIsAPolynomialThroughEachSeriesOnRequest) {
   RunRecord record = test::empty_record("E", 1e5, 1e3);
   for (const double load : {1.0, 2.0, 3.0, 4.0}) {
     const double stiffness = 100 + 20 * load + 5 * load * load;  // which a parabola meets
-    add_reading(record, "1", "tip", load, load / stiffness, 1e-4, load / stiffness);
+    test::add_reading(record, "1", "tip", load, load / stiffness, 1e-4, load / stiffness);
   }
   draw_figures(record, folder());
   EXPECT_EQ(count(rows("figures/effective_stiffness.csv"), "trend"), 0);

@@ -146,7 +146,7 @@ TEST_F(RunRecordTest, TheSchemaStandsFirstAndKeysKeepTheirOrder) {
   for (const auto& [key, value] : json.items()) keys.push_back(key);
   ASSERT_GT(keys.size(), 7u);
   EXPECT_EQ(std::vector<std::string>(keys.begin(), keys.begin() + 7),
-            (std::vector<std::string>{"schema", "title", "data", "status", "message", "parameters", "fit"}));
+            (std::vector<std::string>{"schema", "title", "data", "kind", "status", "message", "parameters"}));
   EXPECT_EQ(json["schema"], "taut-fit-1");
   EXPECT_EQ(json["data"], "measured");
   EXPECT_EQ(json["parameters"][0]["verdict"], "well determined");

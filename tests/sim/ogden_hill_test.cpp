@@ -3,7 +3,9 @@
 #include "sim/materials/neo_hookean.hpp"
 #include "sim/materials/plane_stress.hpp"
 #include "tests/support/material_battery.hpp"
+#include "tests/support/message.hpp"
 #include "tests/support/taylor.hpp"
+#include "tests/support/term_battery.hpp"
 
 namespace taut {
 namespace {
@@ -125,6 +127,35 @@ TEST(OgdenHill, SheetsHaveNoStressAcrossAndTheDerivativesOfTheirParameters) {
           2, 1e-14);
     }
   }
+}
+
+TEST(OgdenHill, SolidsHaveTheDerivativesOfTheirEnergyInPlaneStrainPlaneStressAnd3D) {
+  for (ElementShape shape : {ElementShape::tri6, ElementShape::tet4}) {
+    for (Plane plane : {Plane::strain, Plane::stress}) {
+      if (dimension_of(shape) == 3 && plane == Plane::stress) continue;
+      ParameterTable table;
+      SolidDefinition definition;
+      definition.law = "ogden_hill";
+      definition.plane = plane;
+      for (const ParameterSpec& spec : material_parameters("ogden_hill"))
+        definition.parameters.push_back(table.declare(spec));
+      Mesh mesh = irregular_mesh(shape);
+      auto term = make_solid(mesh, definition);
+      Eigen::VectorXd u = random_state(mesh, 0.1, 0.01, 5);
+      const TermUnderTest t = term_under_test(std::move(mesh), std::move(table), std::move(term),
+                                              Eigen::Vector3d(3.0, 0.2, 6.0), std::move(u), "ogden_hill");
+      expect_derivatives(t, 5e-4);
+      expect_parameter_derivatives(t, 0.03);
+      expect_projection_is_semidefinite(t);
+      expect_no_net_force_or_moment(t);
+    }
+  }
+}
+
+TEST(OgdenHill, HasNoLockingFreeFormulation) {
+  SolidDefinition definition{.law = "ogden_hill", .parameters = {0, 1, 2}, .formulation = Formulation::locking_free};
+  expect_input_error([&] { make_solid(irregular_mesh(ElementShape::tri6), definition); },
+                     {"'ogden_hill'", "no separate energy of volume change", "standard"});
 }
 
 }  // namespace

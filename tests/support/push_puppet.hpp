@@ -12,6 +12,11 @@ inline const std::vector<double> kMasses{0.050, 0.100, 0.200, 0.500};
 inline Experiment reference_module(int order = 2) {
   Experiment e = read_experiment(TAUT_SOURCE_DIR "/experiments/push_puppet/experiment.toml");
   e.geometry.puppet = PushPuppet{};
+  for (CableSettings& cable : e.cables.cables) {
+    cable.points.clear();
+    for (const Eigen::Vector2d& point : cable_path(e.geometry.puppet, cable.id == "upper" ? 1 : -1))
+      cable.points.push_back({point[0], point[1]});
+  }
   e.cables.k = 20e3;
   e.materials[0].constants["E"] = 50e3;
   e.mesh.order = order;

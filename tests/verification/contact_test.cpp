@@ -5,11 +5,10 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "sim/core/scene.hpp"
 #include "sim/mesh/structured.hpp"
 #include "sim/solve/equilibrium.hpp"
-#include "sim/terms/contact_geometry.hpp"
 #include "sim/terms/load.hpp"
+#include "sim/terms/solid.hpp"
 
 // Contact against sums in 60-digit arithmetic (contact_check.json) and against equilibria that are known.
 namespace taut::test {
@@ -70,50 +69,122 @@ double law(double s) {
   return 2 * (s - 1) * std::log(s) + (s - 1) * (s - 1) / s;
 }
 
-/// A block over a line, 20 x 10 mm, held sideways along its left face.
+/// A foam block of 20 x 10 mm, `height` over a line, free but for its left face, which slides up and down.
 struct Block {
-  Scene scene;
-  std::unique_ptr<Contact> contact;  ///< the same as in the scene, to ask it
-  int load = -1;
+  std::unique_ptr<Model> model;
+  std::unique_ptr<Contact> contact;  ///< the same as in the model, to ask it
+  Params values;
 };
-
-constexpr double dhat = 1e-4, kappa = 5e3, t = 0.03;
-
-enum class Below { ground, obstacle, tilted_ground };
+enum BlockIndex { E, nu, thickness, density, gravity, gap, kappa };
+enum class Below { ground, obstacle };
 
 Block block_over(Below below, int cells, double height) {
   Block block;
-  const double tilt = below == Below::tilted_ground ? 0.1 : 0;
-  const Eigen::Vector2d normal(-std::sin(tilt), std::cos(tilt)), along(normal[1], -normal[0]);
-  Mesh mesh = rectangle(graded(0.02, cells), graded(0.01, cells / 2), 2, "block");
-  map_vertices(mesh, [&](const Eigen::VectorXd& X) -> Eigen::VectorXd { return X[0] * along + X[1] * normal; });
-  SceneBuilder builder(mesh, Plane::strain, t);
-  builder.add_solid("block", "neo_hookean", {{"E", 5e4}, {"nu", 0.3}});
-  builder.fix("xmin", {0});
-  // A weak spring to the ground would do as well; the height is prescribed instead, and then let go.
-  std::vector<std::vector<Eigen::Vector2d>> obstacles;
-  std::vector<GroundLine> grounds;
-  const Eigen::Vector2d origin = -height * normal;
-  if (below == Below::obstacle) {
-    std::vector<Eigen::Vector2d> line;
-    for (int k = 0; k <= 3 * cells; ++k) line.push_back(origin + (0.03 * k / (3 * cells) - 0.005) * along);
-    obstacles.push_back(line);
-  } else {
-    grounds.push_back({origin, normal});
-  }
-  builder.add_contact(dhat, {{"block", kappa}}, obstacles, grounds);
+  ParameterTable table;
+  SolidDefinition definition;
+  for (const ParameterSpec& spec : material_parameters("neo_hookean"))
+    definition.parameters.push_back(table.declare(spec));
+  for (const char* id : {"thickness", "density", "gravity", "gap", "kappa"})
+    table.declare({id, id, "SI", 0, 1e9, id, false});
+  definition.thickness = thickness;
+  block.values.resize(7);
+  block.values << 5e4, 0.3, 0.03, 1000, 0, 1e-4, 5e3;
+
+  const Mesh mesh = rectangle(graded(0.02, cells), graded(0.01, cells / 2), 2, "block");
   ContactSettings settings;
-  settings.edges = contact_edges(builder.mesh());
-  settings.stiffness.assign(settings.edges.size(), builder.parameters().index("contact_pressure_block"));
-  settings.gap = builder.parameters().index("contact_gap");
-  settings.thickness = builder.parameters().index("thickness");
-  settings.obstacles = obstacles;
-  settings.grounds = grounds;
-  block.contact = std::make_unique<Contact>(builder.mesh(), settings);
-  block.load = builder.declare({"g", "g", "m/s^2", -1e6, 1e6, "gravity"}, 0.0);
-  builder.add_weight("block", 1000, -normal, block.load);
-  block.scene = builder.build();
+  settings.edges = contact_edges(mesh);
+  settings.stiffness.assign(settings.edges.size(), kappa);
+  settings.gap = gap;
+  settings.thickness = thickness;
+  if (below == Below::ground) {
+    settings.grounds = {{{0, -height}, {0, 1}}};
+  } else {
+    settings.obstacles.emplace_back();
+    for (int k = 0; k <= 3 * cells; ++k) settings.obstacles[0].emplace_back(-0.005 + 0.01 * k / cells, -height);
+  }
+  block.contact = std::make_unique<Contact>(mesh, settings);
+  std::vector<std::unique_ptr<Term>> terms;
+  terms.push_back(make_solid(mesh, definition));
+  terms.push_back(make_load(body_weights(mesh, 0, Eigen::Vector2d(0, -1)), {density, gravity, thickness}));
+  terms.push_back(std::make_unique<Contact>(mesh, settings));
+  std::vector<Support> supports;
+  for (int node : mesh.select("xmin").nodes()) supports.push_back({2 * node, -1, 0});
+  block.model = std::make_unique<Model>(mesh, table, std::move(terms), supports);
   return block;
+}
+
+TEST(ContactEquilibrium, ABlockOnTheGroundIsCarriedByIt) {
+  for (Below below : {Below::ground, Below::obstacle}) {
+    const Block block = block_over(below, 16, 0.9e-4);
+    Equilibrium equilibrium(*block.model);
+    equilibrium.start_at_rest(block.values);
+    Params p = block.values;
+    p[gravity] = 9.81;
+    const SolveReport& report = equilibrium.solve(p);
+    ASSERT_EQ(report.status, SolveStatus::converged) << report.message();
+    EXPECT_FALSE(block.contact->intersects(equilibrium.u()));
+    Eigen::VectorXd force = Eigen::VectorXd::Zero(block.model->unknowns());
+    Assembly out;
+    out.gradient = &force;
+    block.contact->assemble({equilibrium.u(), p}, out);
+    double up = 0;
+    for (Eigen::Index k = 1; k < force.size(); k += 2) up -= force[k];
+    const double weight = 1000 * 9.81 * 0.02 * 0.01 * 0.03;
+    EXPECT_NEAR(up, weight, 1e-9 * weight);
+    // Standing: weight / area, and the distance that belongs to it.
+    const double smallest = block.contact->smallest_distance(equilibrium.u(), 1e-4) / 1e-4;
+    EXPECT_NEAR(law(smallest), weight / (0.02 * 0.03) / 5e3, 0.2 * law(smallest));
+  }
+}
+
+TEST(ContactEquilibrium, ABlockPressedDeepIntoTheBarrierIsCarriedAsWell) {
+  const Block block = block_over(Below::ground, 8, 0.99e-4);
+  Equilibrium equilibrium(*block.model);
+  equilibrium.start_at_rest(block.values);
+  Params p = block.values;
+  p[gravity] = 300;
+  const SolveReport& report = equilibrium.solve(p);
+  ASSERT_EQ(report.status, SolveStatus::converged) << report.message();
+  const double weight = 1000 * 300 * 0.02 * 0.01 * 0.03;
+  Eigen::VectorXd force = Eigen::VectorXd::Zero(block.model->unknowns());
+  Assembly out;
+  out.gradient = &force;
+  block.contact->assemble({equilibrium.u(), p}, out);
+  double up = 0;
+  for (Eigen::Index k = 1; k < force.size(); k += 2) up -= force[k];
+  EXPECT_NEAR(up, weight, 1e-9 * weight);
+}
+
+TEST(ContactEquilibrium, ANodePressedOntoALineRestsWhereTheBarrierLawSays) {
+  // One edge over a ground carries F by its two nodes; p / kappa and s from the closed form.
+  const double table[][2] = {{1e-3, .982}, {1e-2, .943}, {0.1, .829}, {0.3, .717}, {1, .532}, {3, .320}, {10, .122}};
+  Mesh mesh;
+  mesh.X = Eigen::Vector4d(0, 0.99e-4, 0.01, 0.99e-4);
+  ParameterTable names;
+  for (const char* id : {"kappa", "dhat", "thickness", "F"}) names.declare({id, id, "SI", 0, 1e9, id, false});
+  ContactSettings settings;
+  settings.edges = {{0, 1}};
+  settings.stiffness = {0};
+  settings.gap = 1;
+  settings.thickness = 2;
+  settings.grounds = {{{0, 0}, {0, 1}}};
+  std::vector<std::unique_ptr<Term>> terms;
+  terms.push_back(std::make_unique<Contact>(mesh, settings));
+  terms.push_back(make_load(Eigen::Vector4d(0, -0.5, 0, -0.5), {3}));
+  const Model model(mesh, names, std::move(terms), {{0, -1, 0}, {2, -1, 0}});
+  Params p(4);
+  p << 5e3, 1e-4, 0.03, 0;
+  Equilibrium equilibrium(model);
+  equilibrium.start_at_rest(p);
+  for (const auto& [pressure, s] : table) {
+    p[3] = pressure * 5e3 * 0.01 * 0.03;
+    const SolveReport& report = equilibrium.solve(p);
+    ASSERT_EQ(report.status, SolveStatus::converged) << report.message();
+    const double found = (0.99e-4 + equilibrium.u()[1]) / 1e-4;
+    EXPECT_NEAR(found, s, 6e-4);
+    EXPECT_NEAR(law(found), pressure, 1e-8 * pressure);
+    EXPECT_NEAR(equilibrium.u()[3], equilibrium.u()[1], 1e-12);
+  }
 }
 
 }  // namespace

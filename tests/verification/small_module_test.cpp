@@ -11,15 +11,15 @@
 #include "sim/terms/solid.hpp"
 
 // A two-cell module on a fixed mesh of linear triangles with seven equilibria and two other states, computed by an
-// independent program (small_module_P1.json). Contact is the plain pair sum or the one that counts shared vertices once.
+// independent program (small_module_P1.json). Contact is the plain pair sum or the one that counts shared vertices
+// once.
 namespace taut::test {
 namespace {
 
 using Json = nlohmann::json;
 
 const Json& reference() {
-  static const Json json =
-      Json::parse(std::ifstream(TAUT_SOURCE_DIR "/tests/verification/small_module_P1.json"));
+  static const Json json = Json::parse(std::ifstream(TAUT_SOURCE_DIR "/tests/verification/small_module_P1.json"));
   return json;
 }
 
@@ -201,7 +201,8 @@ TEST(SmallModule, TheSameNodeEdgePairsAreInContact) {
     const std::vector<std::array<int, 2>> edges = contact_edges(mesh);
     std::map<std::array<int, 3>, double> found, expected;
     for (const ContactPair& pair : module.contact->active_pairs({u, module.at(solution)})) {
-      const auto [a, b] = std::minmax({edges[static_cast<size_t>(pair.edge)][0], edges[static_cast<size_t>(pair.edge)][1]});
+      const auto [a, b] =
+          std::minmax({edges[static_cast<size_t>(pair.edge)][0], edges[static_cast<size_t>(pair.edge)][1]});
       found[{pair.node, a, b}] = pair.distance;
     }
     for (const Json& active : solution["contact"]["active"]) {

@@ -1,0 +1,110 @@
+#include <gtest/gtest.h>
+
+#include "calib/fit.hpp"
+#include "tests/support/push_puppet.hpp"
+
+// Calibration of the module: all its parameters from readings, and the cost in cold replays.
+namespace taut::test {
+namespace {
+
+Experiment coarse_bench() {
+  Experiment e = read_experiment(TAUT_SOURCE_DIR "/experiments/push_puppet/experiment.toml");
+  e.mesh.order = 1;
+  return e;
+}
+
+TEST(SlowPushPuppetFit, NoiseFreeReadingsGiveTheirParametersBack) {
+  const Experiment e = coarse_bench();
+  Trials trials = read_trials(e.bench);
+  StaticBench bench = make_static_bench(e, e.mesh, trials);
+  const ParameterTable& table = bench.protocol->parameters();
+  Params truth = bench.protocol->nominal();
+  truth[table.index("E_foam")] = 64e3;
+  truth[table.index("k_cable")] = 14e3;
+  truth[table.index("slack")] = 0.4e-3;
+  truth[table.index("E_plastic")] = 1.7e9;
+  const Prediction exact = bench.protocol->predict(truth, {});
+  ASSERT_TRUE(exact.complete());
+  for (Measurement& m : bench.measurements) m.value = exact.values[m.row];
+  bench.protocol->forget();
+  FitOptions options;
+  options.profiles = false;
+  options.tolerance = 1e-12;
+  const FitResult result = fit(*bench.protocol, bench.measurements, free_parameters(e, *bench.protocol), options);
+  ASSERT_EQ(result.status, FitStatus::converged) << result.message;
+  for (const ParameterEstimate& estimate : result.parameters) {
+    EXPECT_NEAR(estimate.value / truth[table.index(estimate.spec.id)], 1, 1e-3) << estimate.spec.id;
+  }
+}
+
+TEST(SlowPushPuppetFit, TheBenchIsFittedToItsNoiseWithinTenColdReplays) {
+  Experiment e = coarse_bench();
+  e.mesh.order = 2;
+  const StaticBench bench = make_static_bench(e, e.mesh, read_trials(e.bench));
+  bench.protocol->predict(bench.protocol->nominal(), {});
+  const int replay = bench.protocol->factorisations();
+  bench.protocol->forget();
+  FitOptions options;
+  options.profiles = false;
+  const FitResult result = fit(*bench.protocol, bench.measurements, free_parameters(e, *bench.protocol), options);
+  ASSERT_EQ(result.status, FitStatus::converged) << result.message;
+  std::printf("cold replay %d factorisations, fit %d (%.1f times): chi squared %.2f for %d\n", replay,
+              result.search.factorisations, static_cast<double>(result.search.factorisations) / replay,
+              result.chi_squared, result.dof);
+  EXPECT_LE(result.search.factorisations, 10 * replay);
+  EXPECT_GT(result.chi_squared_p, 0.01);
+  EXPECT_LT(result.chi_squared_p, 0.99);
+  EXPECT_GT(result.lack_of_fit.p_value, 0.01) << "one foam modulus serves all retractions";
+  EXPECT_EQ(result.parameters[0].spec.id, "E_foam");
+  EXPECT_EQ(result.parameters[0].verdict, Verdict::well_determined);
+  EXPECT_EQ(result.parameters[1].spec.id, "E_plastic");
+  EXPECT_NE(result.parameters[1].verdict, Verdict::well_determined) << "plastic hardly bends in this experiment";
+}
+
+TEST(SlowPushPuppetFit, ReadingsFromOpenRetractionsDoNotSeeThePlastic) {
+  const Experiment e = coarse_bench();
+  Trials trials = read_trials(e.bench);
+  std::erase_if(trials.readings, [](const Reading& reading) { return reading.controls[1] > 12e-3; });
+  const StaticBench bench = make_static_bench(e, e.mesh, trials);
+  const FitResult result = fit(*bench.protocol, bench.measurements, free_parameters(e, *bench.protocol));
+  ASSERT_EQ(result.status, FitStatus::converged) << result.message;
+  const ParameterEstimate& plastic = result.parameters[1];
+  ASSERT_EQ(plastic.spec.id, "E_plastic");
+  EXPECT_TRUE(plastic.verdict == Verdict::bounded_from_one_side || plastic.verdict == Verdict::invisible)
+      << name_of(plastic.verdict);
+  EXPECT_FALSE(plastic.upper95.has_value()) << "nothing bounds it from above";
+  std::printf("%s: %s\n", std::string(name_of(plastic.verdict)).c_str(), plastic.explanation.c_str());
+}
+
+TEST(SlowPushPuppetFit, PoissonsRatioZeroErrorsAndAnElasticBaseMayBeFree) {
+  Experiment e = coarse_bench();
+  e.zero_offset_per = "retraction";
+  e.supports[0].fix.clear();
+  e.supports[0].rotation_stiffness = 200;
+  const Trials trials = read_trials(e.bench);
+  const StaticBench bench = make_static_bench(e, e.mesh, trials);
+  StaticProtocol& protocol = *bench.protocol;
+  const ParameterTable& table = protocol.parameters();
+  std::vector<int> free;
+  for (const char* id : {"nu_foam", "zero_2", "k_base", "E_foam"}) free.push_back(table.index(id));
+  const Params p = protocol.nominal();
+  const Prediction at = protocol.predict(p, free);
+  ASSERT_TRUE(at.complete());
+  for (size_t i = 0; i < free.size(); ++i) {
+    const std::string id = table[free[i]].id;
+    const double h = id == "zero_2" ? 1e-5 : 1e-3 * p[free[i]];
+    Params up = p, down = p;
+    up[free[i]] += h;
+    down[free[i]] -= h;
+    const Eigen::VectorXd difference = (protocol.predict(up, {}).values - protocol.predict(down, {}).values) / (2 * h);
+    const Eigen::VectorXd derivative = at.derivatives.col(static_cast<Eigen::Index>(i));
+    EXPECT_LT((difference - derivative).norm(), 2e-4 * derivative.norm()) << id;
+  }
+  // The zero error belongs to the rows of the second retraction, and adds to them as it is.
+  const Eigen::VectorXd zero = at.derivatives.col(1);
+  EXPECT_EQ(zero.sum(), 4);
+  EXPECT_EQ(zero.cwiseProduct(zero).sum(), 4);
+}
+
+}  // namespace
+}  // namespace taut::test

@@ -1,0 +1,116 @@
+#include <gtest/gtest.h>
+
+#include "tests/support/message.hpp"
+#include "tests/support/push_puppet.hpp"
+
+// Where methods for this module fail: each case ends in the right answer or in a sentence that says why not.
+namespace taut::test {
+namespace {
+
+struct Outcome {
+  StaticBench bench;
+  Prediction prediction;
+
+  /// No two edges cross and no element is folded in any state that was reached.
+  void expect_sound() const {
+    const Model& model = *bench.protocol->scene().model;
+    ContactSettings settings;
+    settings.edges = contact_edges(model.mesh());
+    settings.stiffness.assign(settings.edges.size(), 0);
+    settings.gap = 0;
+    const Contact contact(model.mesh(), settings);
+    for (const StaticProtocol::Condition& condition : bench.protocol->conditions()) {
+      if (condition.report.status != SolveStatus::converged) continue;
+      EXPECT_FALSE(contact.intersects(condition.u));
+      EXPECT_GT(condition.smallest_jacobian, 0);
+    }
+  }
+};
+
+Outcome replay(const Experiment& experiment, const Trials& trials) {
+  Outcome outcome{make_static_bench(experiment, experiment.mesh, trials), {}};
+  outcome.prediction = outcome.bench.protocol->predict(outcome.bench.protocol->nominal(), {});
+  outcome.expect_sound();
+  return outcome;
+}
+
+/// Symmetric under y -> -y at zero load: the tip does not move sideways.
+double tip_sideways(const Outcome& outcome, size_t condition) {
+  const StaticProtocol& protocol = *outcome.bench.protocol;
+  const StaticProtocol::Condition& state = protocol.conditions()[condition];
+  return protocol.channels()[0].channel->value({state.u, state.p});
+}
+
+TEST(SlowPushPuppetLimits, EqualLipsCloseWithoutIntersection) {
+  Experiment e = reference_module();
+  e.geometry.puppet.lip_relief = 0;
+  const Outcome outcome = replay(e, conditions_of({11.79e-3, 17.68e-3}, {0.05, 0.5}));
+  EXPECT_TRUE(outcome.prediction.complete());
+  for (double drop : outcome.prediction.values) EXPECT_GT(drop, 0);
+}
+
+TEST(SlowPushPuppetLimits, AKilogramOnTheSoftModuleIsSaidToBeBeyondTheEndOfThePath) {
+  const Outcome outcome = replay(reference_module(1), conditions_of({0}, {0.5, 1.0}));
+  ASSERT_EQ(outcome.prediction.failures.size(), 1u);
+  const std::string& failure = outcome.prediction.failures.front();
+  EXPECT_TRUE(failure.find("mass = 1 kg, retraction = 0 m") != std::string::npos) << failure;
+  EXPECT_TRUE(failure.find("the equilibrium path seems to end there") != std::string::npos) << failure;
+  EXPECT_NEAR(0.5 * 9.81 / outcome.prediction.values[0], 261.3, 2) << "the row before it stands";
+}
+
+TEST(SlowPushPuppetLimits, PlasticAHundredTimesStifferChangesOpenRetractionsHardly) {
+  Experiment e = reference_module(), stiff = e;
+  stiff.materials[1].constants["E"] = 2.3e11;
+  const Trials trials = conditions_of({0, 11.79e-3}, {0.05, 0.5});
+  const Outcome usual = replay(e, trials), hard = replay(stiff, trials);
+  ASSERT_TRUE(hard.prediction.complete());
+  for (Eigen::Index i = 0; i < 4; ++i) EXPECT_NEAR(hard.prediction.values[i] / usual.prediction.values[i], 1, 0.01);
+}
+
+TEST(SlowPushPuppetLimits, NearlyIncompressibleFoamIsReplayed) {
+  Experiment e = reference_module();
+  e.materials[0].constants["nu"] = 0.49;
+  e.mesh.formulation = Formulation::locking_free;
+  const Outcome outcome = replay(e, conditions_of({0, 5.89e-3}, {0.05, 0.2}));
+  EXPECT_TRUE(outcome.prediction.complete());
+}
+
+TEST(SlowPushPuppetLimits, RetractionBeyondClosureTightensTheCableBySpringAlone) {
+  Experiment e = reference_module();
+  const Outcome outcome = replay(e, conditions_of({17.68e-3, 21e-3, 23e-3}, {0.0}));
+  ASSERT_TRUE(outcome.prediction.complete());
+  const auto tension = make_cable_tension(outcome.bench.protocol->scene().model->mesh(), outcome.bench.cables[0]);
+  const auto& conditions = outcome.bench.protocol->conditions();
+  const double at21 = tension->value({conditions[1].u, conditions[1].p});
+  const double at23 = tension->value({conditions[2].u, conditions[2].p});
+  // Closed lips are some thousand times stiffer than the cable.
+  EXPECT_NEAR((at23 - at21) / 2e-3, 20e3, 0.01 * 20e3);
+  EXPECT_NEAR(at21, 20e3 * (21e-3 - 17.2e-3), 0.02 * at21);
+  EXPECT_NEAR(tip_sideways(outcome, 2), 0, 1e-9);
+}
+
+TEST(SlowPushPuppetLimits, SlackBeyondTheRetractionLeavesTheCablesLoose) {
+  Experiment e = reference_module(), without = e;
+  e.cables.slack = 20e-3;
+  without.cables.cables.clear();
+  without.cables.columns.clear();
+  std::erase_if(without.bench.controls, [](const BenchFormat::Control& control) { return control.id == "retraction"; });
+  Trials trials = conditions_of({0}, {0.05, 0.2});
+  const Outcome loose = replay(e, conditions_of({5.89e-3}, {0.05, 0.1}));
+  for (Reading& reading : trials.readings) reading.controls.pop_back();
+  trials.control_ids.pop_back();
+  trials.control_quantities.pop_back();
+  trials.control_values.pop_back();
+  const Outcome none = replay(without, trials);
+  EXPECT_NEAR(loose.prediction.values[0], none.prediction.values[0], 1e-9) << "50 g";
+}
+
+TEST(PushPuppetLimits, AContactGapLargerThanTheGapAtRestIsRefused) {
+  Experiment e = reference_module();
+  e.mesh.contact_gap = 3e-3;
+  expect_input_error([&] { make_static_bench(e, e.mesh, conditions_of()); },
+                     {"the contact gap of 3 mm is too large for the module", "below 0.5 mm"});
+}
+
+}  // namespace
+}  // namespace taut::test
