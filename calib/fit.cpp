@@ -273,8 +273,12 @@ std::optional<double> profile_end(Evaluator& evaluator, const std::vector<FreePa
     if (std::isfinite(rise)) visited.emplace_back(scale.outside(q), rise);
     return rise;
   };
-  // So near the end, the rest of the way is a fraction of the way so far.
-  auto nearly = [&](double rise) { return std::abs(rise / profile_rise - 1) < 0.05; };
+  // So near the end, the rest of the way is a fraction of the way so far, if the rise is a parabola as expected.
+  const double parabola = z95 * std::sqrt(covariance(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(j)));
+  auto nearly = [&](double q, double rise) {
+    const bool expected = std::abs(std::abs(q - best.q[j]) / parabola - 1) < 0.3;
+    return std::abs(rise / profile_rise - 1) < (expected ? 0.05 : 0.01);
+  };
   double inner = best.q[j], inner_rise = 0, step = std::max(guess, 1e-6);
   double outer = inner, outer_rise = 0;
   std::vector<double> beyond = start;  // all parameters at `outer`
@@ -285,15 +289,15 @@ std::optional<double> profile_end(Evaluator& evaluator, const std::vector<FreePa
     if (at_bound) outer = bound;
     outer_rise = rise_at(outer);
     beyond = start;
-    if (outer_rise >= profile_rise) break;
+    if (outer_rise >= profile_rise || nearly(outer, outer_rise)) break;
     if (at_bound) return std::nullopt;
     inner = outer;
     inner_rise = outer_rise;
   }
-  if (outer_rise < profile_rise) return std::nullopt;
-  if (nearly(outer_rise)) {
+  if (nearly(outer, outer_rise))
     inner = outer = best.q[j] + (outer - best.q[j]) * std::sqrt(profile_rise / outer_rise);
-  }
+  else if (outer_rise < profile_rise)
+    return std::nullopt;
   for (int i = 0; i < 12 && std::abs(outer - inner) > 1e-3 * std::max(std::abs(outer - best.q[j]), 1e-12); ++i) {
     if (evaluator.stopped()) break;
     // The rise is nearly quadratic, so its root is nearly linear; bisect when that is of no use.
@@ -301,8 +305,8 @@ std::optional<double> profile_end(Evaluator& evaluator, const std::vector<FreePa
     double t = std::isfinite(b) && b > a ? (target - a) / (b - a) : 0.5;
     t = i % 3 == 2 ? 0.5 : std::clamp(t, 0.05, 0.95);
     const double middle = inner + t * (outer - inner), rise = rise_at(middle);
-    if (nearly(rise)) {
-      inner = outer = best.q[j] + (middle - best.q[j]) * std::sqrt(profile_rise / rise);
+    if (nearly(middle, rise)) {
+      inner = outer = middle;
       beyond = start;
       break;
     }

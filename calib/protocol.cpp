@@ -83,10 +83,15 @@ void StaticProtocol::make_paths() {
     path.conditions.push_back(unloaded);
     path.conditions.insert(path.conditions.end(), list.begin(), list.end());
   }
+  // The longest way first, so that threads end together.
+  std::stable_sort(paths_.begin(), paths_.end(), [&](const Path& a, const Path& b) {
+    return size_of(a.conditions.front()) > size_of(b.conditions.front());
+  });
 }
 
 void StaticProtocol::forget() {
   for (Condition& condition : conditions_) condition.solved = false;
+  for (Path& path : paths_) path.equilibrium.reset();
 }
 
 std::string StaticProtocol::describe(const Condition& condition) const {

@@ -56,13 +56,13 @@ Equilibrium::Equilibrium(const Model& model, EquilibriumOptions options)
 
 void Equilibrium::start_at_rest(const Params& p) {
   start_at(Eigen::VectorXd::Zero(model_->unknowns()), p);
+  hessian_.forget_couplings();
 }
 
 void Equilibrium::start_at(const Eigen::VectorXd& u, const Params& p) {
   u_ = u;
   p_ = p;
   has_factor_ = false;
-  hessian_.forget_couplings();
 }
 
 void Equilibrium::start_beyond(const Eigen::VectorXd& u, const Eigen::VectorXd& step, const Params& p) {

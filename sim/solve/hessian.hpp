@@ -1,5 +1,6 @@
 #pragma once
 #include <Eigen/Core>
+#include <memory>
 #include <vector>
 
 #include "sim/core/model.hpp"
@@ -13,8 +14,6 @@ namespace taut {
 class Hessian {
  public:
   explicit Hessian(const Model& model);
-  Hessian(const Hessian&) = delete;
-  Hessian& operator=(const Hessian&) = delete;
 
   /// Evaluates energy, gradient (all unknowns) and Hessian at a state. Returns the assembly with its energy.
   Assembly assemble(const Point& at, Curvature curvature, Eigen::VectorXd* gradient);
@@ -37,7 +36,7 @@ class Hessian {
   int slot_of(int row, int column) const;
 
   const Model* model_;
-  SparsePattern pattern_;       ///< the model's and the couplings'
+  std::unique_ptr<SparsePattern> pattern_;  ///< the model's and the couplings'
   std::vector<Place> extra_;    ///< free unknowns of the couplings that are not in the model's pattern; sorted
   std::vector<int> slots_;      ///< of the model's entries in pattern_; empty when they are the same
   std::vector<double> own_;     ///< values of the model's pattern and one extra slot
