@@ -53,8 +53,6 @@ ParameterSpec control_spec(const std::string& id, Quantity quantity) {
 
 /// Loads and prescribed displacements are parameters beside the model's own, whose names they must not take.
 int declare_control(SceneBuilder& builder, const std::string& id, Quantity quantity, double value) {
-  if (builder.parameters().contains(id))
-    throw InputError(fmt::format("'{}' is a parameter of the model already; choose another id", id));
   return builder.declare(control_spec(id, quantity), value);
 }
 
@@ -108,8 +106,9 @@ void add_cables(const Experiment& experiment, SceneBuilder& builder, const std::
   }
   const int k = builder.declare({"k_cable", "k", "N/m", 1e-3, 1e12, "stiffness of a whole cable", true},
                                 settings.k ? *settings.k : *settings.EA / length);
-  const int slack =
-      builder.declare({"slack", "s", "m", -1, 1, "length by which a cable exceeds its path at rest"}, settings.slack);
+  const int slack = builder.declare(
+      {"slack", "s", "m", -0.5 * length, 0.5 * length, "length by which a cable exceeds its path at rest"},
+      settings.slack);
   for (const CableSettings& cable : settings.cables) {
     Cable made;
     made.stiffness = k;
@@ -170,18 +169,17 @@ Mesh make_mesh(const Experiment& experiment, const MeshSettings& settings) {
     if (g.kind == "push_puppet") {
       // Closed lips rest about this far apart: taken off their faces, so that they close where the specimen's own do.
       const PushPuppetMesh resolution{settings.size, settings.lip_cells, settings.order};
+      if (!experiment.contact.on) return mesh_push_puppet(g.puppet, resolution);
       const double gap = contact_gap(settings, mesh_push_puppet(g.puppet, resolution).diagonal());
       const double largest = std::min(0.5 * g.puppet.gap_total / g.puppet.cells, g.puppet.via_inset);
-      if (experiment.contact.on && gap > largest) {
+      if (gap > largest) {
         throw InputError(fmt::format(
             "the contact gap of {:.4g} mm is too large for the module: faces would push each other at rest or lose "
             "their "
             "via points; set contact_gap below {:.4g} mm (half a gap between lips, and via_inset), or leave it out",
             1e3 * gap, 1e3 * largest));
       }
-      return mesh_push_puppet(
-          g.puppet, resolution,
-          experiment.contact.on && experiment.contact.compensate ? 0.5 * resting_distance * gap : 0.0);
+      return mesh_push_puppet(g.puppet, resolution, experiment.contact.compensate ? 0.5 * resting_distance * gap : 0.0);
     }
     Mesh mesh = read_msh(g.file, g.unit);
     if (mesh.dimension() != g.dimension)
@@ -240,11 +238,12 @@ BenchModel make_model(const Experiment& experiment, const MeshSettings& settings
   }
   if (!experiment.zero_offset_per.empty()) {
     const size_t k = position_of_control(experiment, experiment.zero_offset_per);
+    const double diagonal = builder.mesh().diagonal();
     for (double value : trials.control_values[k]) {
       const std::string id = fmt::format("zero_{}", result.zero_offsets.size() + 1);
       const std::string meaning = fmt::format("zero error of the readings at {} = {}", experiment.zero_offset_per,
                                               with_unit(value, builder.parameters()[result.controls[k]].unit));
-      result.zero_offsets[value] = builder.declare({id, id, "m", -1, 1, meaning}, 0.0);
+      result.zero_offsets[value] = builder.declare({id, id, "m", -0.1 * diagonal, 0.1 * diagonal, meaning}, 0.0);
     }
   }
   result.scene = at(experiment, "the model", [&] { return builder.build(); });

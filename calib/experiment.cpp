@@ -231,12 +231,24 @@ ChannelSettings read_channel(TableReader& table, const GeometrySettings& geometr
   return channel;
 }
 
+/// The text of a key, which has to be one of `ids`; `what` says what they are.
+std::string one_of(TableReader& table, std::string_view key, const std::vector<std::string>& ids,
+                   std::string_view what) {
+  const std::string id = table.text(key);
+  if (std::find(ids.begin(), ids.end(), id) == ids.end())
+    table.fail(key, fmt::format("'{}' is not {}{}; allowed: {}", id, what, did_you_mean(id, ids), join(ids)));
+  return id;
+}
+
 /// Points of a polyline from lists of coordinates x, y(, z).
 std::vector<std::vector<double>> read_points(TableReader& table, int dimension) {
   std::vector<std::vector<double>> points;
   for (int axis = 0; axis < dimension; ++axis) {
     const std::vector<double> values =
         table.quantities(components.substr(static_cast<size_t>(axis), 1), Quantity::length, points.size());
+    if (values.empty())
+      table.fail(components.substr(static_cast<size_t>(axis), 1),
+                 "the list is empty; give the coordinates of the points");
     points.resize(values.size());
     for (size_t i = 0; i < values.size(); ++i) points[i].push_back(values[i]);
   }
@@ -247,7 +259,10 @@ std::vector<std::vector<double>> read_points(TableReader& table, int dimension) 
 std::string retraction_control(TableReader& table, CablesSettings& cables) {
   const std::string column = table.text("retraction");
   const std::string id = parse_header(column, {Quantity::length}, table.where("retraction")).name;
-  cables.columns[id] = column;
+  const std::string known = cables.columns.try_emplace(id, column).first->second;
+  if (known != column)
+    table.fail("retraction",
+               fmt::format("'{}' and '{}' are the same retraction in two units; name one column", known, column));
   return id;
 }
 
@@ -267,6 +282,10 @@ void read_cables(TableReader table, Experiment& experiment) {
   for (TableReader& one : table.tables("cable")) {
     CableSettings cable;
     cable.id = one.text("id");
+    for (const CableSettings& other : cables.cables) {
+      if (other.id == cable.id)
+        one.fail("id", fmt::format("the cable '{}' is there already; choose another id", cable.id));
+    }
     cable.control = one.has("retraction") ? retraction_control(one, cables) : common;
     if (geometry.kind == "push_puppet" && !one.has("x")) {
       if (cable.id != "upper" && cable.id != "lower")
@@ -287,6 +306,9 @@ void read_cables(TableReader table, Experiment& experiment) {
     for (const char* id : {"upper", "lower"})
       cables.cables.emplace_back().id = id, cables.cables.back().control = common;
   }
+  if (!common.empty() && std::none_of(cables.cables.begin(), cables.cables.end(),
+                                      [&](const CableSettings& cable) { return cable.control == common; }))
+    table.fail("retraction", "every cable has a retraction of its own, so this one moves nothing; remove it");
   if (cables.cables.empty()) table.fail("", "there is no cable; add [[cables.cable]] with id, x and y");
   if (geometry.kind == "push_puppet") {
     for (CableSettings& cable : cables.cables) {
@@ -301,9 +323,9 @@ void read_cables(TableReader table, Experiment& experiment) {
 void read_contact(TableReader table, Experiment& experiment) {
   SurfaceSettings& contact = experiment.contact;
   contact.on = table.boolean("on", true);
-  if (contact.on && experiment.geometry.dimension != 2)
-    table.fail("", "contact is for 2D geometries; remove [contact]");
-  contact.compensate = table.boolean("compensate", true);
+  if (!contact.on) return table.finish();  // keys that would have no effect are refused
+  if (experiment.geometry.dimension != 2) table.fail("", "contact is for 2D geometries; remove [contact]");
+  if (experiment.geometry.kind == "push_puppet") contact.compensate = table.boolean("compensate", true);
   const std::string form = table.choice("form", {"length_weighted", "pair_sum", "pair_sum_dedup"});
   if (form != "length_weighted") {
     contact.form = form == "pair_sum" ? ContactForm::pair_sum : ContactForm::pair_sum_dedup;
@@ -343,11 +365,7 @@ void read_bench(TableReader table, Experiment& experiment) {
   if (!experiment.zero_offset_per.empty()) {
     std::vector<std::string> ids;
     for (const BenchFormat::Control& control : bench.controls) ids.push_back(control.id);
-    if (std::find(ids.begin(), ids.end(), experiment.zero_offset_per) == ids.end()) {
-      table.fail("zero_offset_per",
-                 fmt::format("'{}' is not set by the bench{}; allowed: {}", experiment.zero_offset_per,
-                             did_you_mean(experiment.zero_offset_per, ids), join(ids)));
-    }
+    one_of(table, "zero_offset_per", ids, "set by the bench");
   }
   experiment.from_unloaded = table.choice("measured_from", {"rest", "unloaded"}) == "unloaded";
   table.finish();
@@ -381,7 +399,11 @@ void read_fit(TableReader table, Experiment& experiment) {
   }
   experiment.all_profiles = table.choice("profiles", {"doubtful", "all"}) == "all";
   if (auto diagnostic = table.optional_table("diagnostic")) {
-    experiment.diagnostic = DiagnosticSettings{diagnostic->text("parameter"), diagnostic->text("per")};
+    std::vector<std::string> free, controls;
+    for (const FreeSettings& settings : experiment.free) free.push_back(settings.id);
+    for (const BenchFormat::Control& control : experiment.bench.controls) controls.push_back(control.id);
+    experiment.diagnostic = DiagnosticSettings{one_of(*diagnostic, "parameter", free, "a free parameter of the fit"),
+                                               one_of(*diagnostic, "per", controls, "set by the bench")};
     diagnostic->finish();
   }
   for (TableReader& variant : table.tables("variant")) {
@@ -426,6 +448,24 @@ void refuse_repeated_ids(const Experiment& experiment) {
   }
   for (const ChannelSettings& channel : experiment.channels) check(channel.id);
   for (const auto& [id, column] : experiment.cables.columns) check(id);
+}
+
+/// Settings that are right in themselves but change nothing here.
+void refuse_without_effect(const Experiment& experiment) {
+  const bool gap = experiment.mesh.contact_gap > 0 ||
+                   std::any_of(experiment.variants.begin(), experiment.variants.end(),
+                               [](const VariantSettings& variant) { return variant.mesh.contact_gap > 0; });
+  if (gap && !experiment.contact.on)
+    throw InputError(
+        fmt::format("{}: contact_gap has no effect without contact; add [contact] or remove it", experiment.path));
+  const bool zero = std::any_of(experiment.free.begin(), experiment.free.end(),
+                                [](const FreeSettings& free) { return free.id.starts_with("zero_"); });
+  if (!experiment.zero_offset_per.empty() && !zero) {
+    throw InputError(
+        fmt::format("{}: [bench] zero_offset_per: all zero errors stay 0; free some of them, for example "
+                    "[fit.free.zero_1], or remove the key",
+                    experiment.path));
+  }
 }
 
 }  // namespace
@@ -542,6 +582,7 @@ Experiment read_experiment(const std::string& path) {
   read_bench(root.table("bench"), experiment);
   if (auto fit = root.optional_table("fit")) read_fit(*fit, experiment);
   if (auto solver = root.optional_table("solver")) read_solver(*solver, experiment);
+  refuse_without_effect(experiment);
   root.finish();
   return experiment;
 }

@@ -84,7 +84,10 @@ class Evaluator {
   }
 
   /// Makes the next evaluation ask the protocol even at the same point.
-  void reset() { point_.resize(0); }
+  void reset() {
+    point_.resize(0);
+    prediction_ = {};
+  }
 
   const Prediction& prediction() const { return prediction_; }
 
@@ -490,6 +493,7 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
   // history have led to another equilibrium than that path does, the fit goes on from there.
   Evaluator last(protocol, measurements, free, options);
   for (int round = 0; round < 3; ++round) {
+    last.reset();
     const bool near = round > 0 || step_in_compliance(evaluator, free, best.q);
     best = minimise(evaluator, free, measurements.size(), best.q, -1, near ? undamped : damped, options);
     result.iterations += std::max(0, static_cast<int>(best.summary.iterations.size()) - 1);
@@ -589,9 +593,9 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
       };
       low = end(-1);
       high = end(+1);
-      if (!doubtful && evaluator.stopped()) {  // half a search is worth less than the parabola
-        low = lower;
-        high = upper;
+      if (evaluator.stopped()) {  // half a search is worth less than the parabola, or than nothing
+        low = doubtful ? std::nullopt : std::optional(lower);
+        high = doubtful ? std::nullopt : std::optional(upper);
       }
       std::sort(estimate.profile.begin(), estimate.profile.end());
     }

@@ -162,7 +162,7 @@ void StaticProtocol::solve_condition(Condition& condition, const Params& p, cons
   condition.p = target;
   condition.u = equilibrium.u();
   condition.smallest_jacobian = smallest_jacobian(scene_.model->mesh(), condition.u);
-  condition.solved = condition.smallest_jacobian > 0;  // a folded state is no start for others
+  condition.solved = condition.smallest_jacobian > 0;  // a folded state is no start for other parameters
   condition.sensitivity_of = free;
   condition.sensitivities = free.empty() ? Eigen::MatrixXd() : equilibrium.sensitivities(free);
 }

@@ -400,6 +400,8 @@ int fit_command(const CommandOptions& options) {
     protocol.predict(record.fit.p, {});
     record.replay_seconds = replay_watch.seconds();
     record.replay_factorisations = protocol.factorisations() - before;
+  }
+  if (!interrupted(options) && record.fit.predicted.size() > 0) {  // empty: the optimum could not be replayed
     fill_predictions(record, session.bench, record.fit.predicted, record.fit.prediction_se);
     progress.show("drawing curves");
     record.curves = make_curves(session, record.fit.p, free, record.fit.covariance);

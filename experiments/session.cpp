@@ -48,10 +48,6 @@ Session open_session(const CommandOptions& options) {
   if (options.threads > 0) session.experiment.threads = options.threads;
   session.trials = read_trials(session.experiment.bench);
   session.bench = make_static_bench(session.experiment, session.experiment.mesh, session.trials);
-  if (session.experiment.diagnostic) {
-    diagnostic_control(session);
-    session.bench.protocol->parameters().index(session.experiment.diagnostic->parameter);
-  }
   return session;
 }
 
@@ -224,13 +220,7 @@ std::string describe_controls(const Session& session, const std::vector<double>&
 
 size_t diagnostic_control(const Session& session) {
   const std::vector<std::string>& ids = session.trials.control_ids;
-  const std::string& per = session.experiment.diagnostic->per;
-  const auto found = std::find(ids.begin(), ids.end(), per);
-  if (found == ids.end()) {
-    throw InputError(fmt::format("{}: [fit.diagnostic] per: '{}' is not set by the bench{}; allowed: {}",
-                                 session.experiment.path, per, did_you_mean(per, ids), join(ids)));
-  }
-  return static_cast<size_t>(found - ids.begin());
+  return static_cast<size_t>(std::find(ids.begin(), ids.end(), session.experiment.diagnostic->per) - ids.begin());
 }
 
 int load_control(const Session& session) {

@@ -42,7 +42,7 @@ std::vector<std::string> warnings_after(const StaticProtocol& protocol);
 /// "retraction = 5.89 mm".
 std::string describe_control(const Session& session, size_t control, double value);
 
-/// Position among the controls of [fit.diagnostic]'s `per`; throws InputError when the bench does not set it.
+/// Position among the controls of [fit.diagnostic]'s `per`.
 size_t diagnostic_control(const Session& session);
 
 std::string describe_controls(const Session& session, const std::vector<double>& controls);

@@ -32,6 +32,10 @@ std::optional<Drawing> deformed_shapes(const RunRecord& record);
 /// values; else nothing.
 std::optional<Drawing> shape_panels(const RunRecord& record);
 std::optional<Drawing> variants(const RunRecord& record);
+/// Rise of chi squared over the value of each parameter whose profile likelihood was searched; open ends are arrows.
+std::optional<Drawing> profiles(const RunRecord& record);
+/// Values of a parameter fitted to each part of the readings alone, beside the whole fit.
+std::optional<Drawing> diagnostic(const RunRecord& record);
 
 /// A CSV field; text is quoted when it must be, a number that is not finite is left empty.
 std::string field(const std::string& text);

@@ -42,6 +42,13 @@ std::string tics(char axis, const Axis& a) {
   text += fmt::format("set logscale {0}\nset {0}tics (", axis);
   const bool wide = a.high / a.low > 300;
   bool any = false;
+  if (a.high / a.low < 5) {  // too narrow for 1, 2, 5
+    for (double tic = std::ceil(a.low / a.step) * a.step; tic <= a.high; tic += a.step) {
+      text += fmt::format("{}'{:.6g}' {}", any ? ", " : "", tic, number(tic));
+      any = true;
+    }
+    return text + ")\n";
+  }
   for (double power = std::pow(10.0, std::floor(std::log10(a.low))); power <= a.high; power *= 10) {
     for (const double factor : {1.0, 2.0, 5.0}) {
       const double tic = factor * power;

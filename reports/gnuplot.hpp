@@ -29,7 +29,7 @@ size_t length_of(std::string_view utf8);
 struct Axis {
   std::string label;
   double low = 0, high = 1;
-  double step = 0.2;  ///< between tics; not used on a logarithmic axis
+  double step = 0.2;  ///< between tics; on a logarithmic axis only where it spans less than a factor of five
   bool logarithmic = false;
 };
 

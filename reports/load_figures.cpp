@@ -99,7 +99,7 @@ struct Grid {
 };
 
 Grid grid_of(size_t count, size_t columns, double legend, double panel_height) {
-  constexpr double left = 76, gap = 50, below = 58, above = 30;
+  constexpr double left = 86, gap = 56, below = 58, above = 30;
   Grid grid;
   const size_t rows = (count + columns - 1) / columns;
   const double row = panel_height + below + above;

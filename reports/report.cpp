@@ -7,6 +7,7 @@
 #include <filesystem>
 
 #include "calib/units.hpp"
+#include "reports/diagnostic.hpp"
 #include "reports/figures.hpp"
 #include "reports/html.hpp"
 
@@ -245,6 +246,7 @@ std::string goodness_of_fit(const RunRecord& record) {
                       ? "That is more than chance: the model itself misses something that repeats agree on, such as a "
                         "wrong dimension, a clamp that gives, another material law. More repeats will not help."
                       : "That is within chance: what the model misses looks like the scatter between repeats.");
+    if (const std::string remedy = remedy_for_lack_of_fit(record); !remedy.empty()) out += paragraph(remedy, "warning");
     const double scatter = lack.pure_error_dof > 0 ? lack.pure_error / lack.pure_error_dof : NAN;
     if (scatter > 2 || scatter < 0.3) {
       out +=
@@ -288,8 +290,8 @@ std::string mesh_section(const RunRecord& record, const std::vector<Figure>& fig
     header.insert(header.end(), {"#Chi squared", "#Time", "Status"});
     std::vector<std::vector<std::string>> rows;
     const auto add = [&](const VariantRecord& variant, bool main) {
-      std::vector<std::string> row = {main ? variant.name + " (this fit)" : variant.name, variant.mesh,
-                                      std::to_string(variant.unknowns)};
+      std::vector<std::string> row = {main && variant.name != "this fit" ? variant.name + " (this fit)" : variant.name,
+                                      variant.mesh, std::to_string(variant.unknowns)};
       for (size_t p = 0; p < parameters.size(); ++p) {
         const double value = p < variant.values.size() ? variant.values[p] : NAN;
         const double se = p < variant.standard_errors.size() ? variant.standard_errors[p] : NAN;
@@ -328,6 +330,35 @@ std::string mesh_section(const RunRecord& record, const std::vector<Figure>& fig
     out += table({"Parameter", "#Reference", "#This fit", "#This fit differs by", "Source"}, rows);
   }
   return out + figure_html(figures, "variants");
+}
+
+/// One parameter from each part of the readings alone.
+std::string diagnostic_section(const RunRecord& record, const std::vector<Figure>& figures) {
+  std::string out;
+  for (const DiagnosticGroup& group : diagnostic_groups(record)) {
+    const Shown whole(*group.whole);
+    std::vector<std::vector<std::string>> rows;
+    for (const DiagnosticRecord* part : group.parts) {
+      ParameterEstimate estimate = *group.whole;
+      estimate.standard_error = part->standard_error;  // for the digits; the unit stays that of the whole fit
+      const Shown shown(estimate);
+      const double apart = standard_errors_apart(group, *part);
+      const bool known = std::isfinite(part->value);
+      rows.push_back({group.whole->spec.id, part->part,
+                      known ? shown.number(part->value) + " ± " + shown.with_unit(part->standard_error) : "no result",
+                      std::isfinite(apart) ? fmt::format("{:+.1f}", apart) : "not known",
+                      std::to_string(part->readings), known ? bare_number(part->chi_squared) : "not known"});
+    }
+    rows.push_back({group.whole->spec.id, "all readings",
+                    whole.number(group.whole->value) + " ± " + whole.with_unit(group.whole->standard_error), "",
+                    std::to_string(record.readings.size()), bare_number(record.fit.chi_squared)});
+    out += fmt::format("<h3>From each {} alone</h3>\n", escaped(group.held)) +
+           table({"Parameter", "Part", "#Value ± standard error", "#Standard errors from the whole fit", "#Readings",
+                  "#Chi squared"},
+                 rows) +
+           paragraph(interpretation(record, group));
+  }
+  return out + figure_html(figures, "diagnostic");
 }
 
 std::string correlation_section(const RunRecord& record) {
@@ -444,7 +475,11 @@ std::string report_html(const RunRecord& record, const std::vector<Figure>& figu
   out += figure_html(figures, "force_displacement");
   out += figure_html(figures, "stress_strain");
   out += parameter_section(record);
+  out += figure_html(figures, "profiles");
   out += goodness_of_fit(record);
+  const std::string diagnostics = diagnostic_section(record, figures);
+  out += diagnostics;
+  if (!diagnostics.empty()) out += "<h3>Reading by reading</h3>\n";
   out += figure_html(figures, "residuals");
   out += figure_html(figures, "effective_stiffness");
   out += mesh_section(record, figures);

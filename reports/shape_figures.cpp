@@ -101,17 +101,18 @@ std::optional<Drawing> variants(const RunRecord& record) {
     panels.push_back(std::move(rows));
   }
   constexpr double row_height = 30, below = 58, above = 34;
-  const std::vector<LegendEntry> legend = {{LegendEntry::point, "this fit", colour(0), 7},
-                                           {LegendEntry::point, "other mesh", colour(2), 6},
-                                           {LegendEntry::bar_along_x, "± 1 standard error"},
-                                           {LegendEntry::point, "reference value", colour(1), 13}};
+  std::vector<LegendEntry> legend = {{LegendEntry::point, "this fit", colour(0), 7}};
+  if (!record.variants.empty()) legend.push_back({LegendEntry::point, "other mesh", colour(2), 6});
+  legend.push_back({LegendEntry::bar_along_x, "± 1 standard error"});
+  if (!record.references.empty()) legend.push_back({LegendEntry::point, "reference value", colour(1), 13});
+  const std::string title = record.references.empty() ? "Effect of the mesh"
+                            : record.variants.empty() ? "This fit and reference values"
+                                                      : "Effect of the mesh, and reference values";
   const double left = 30 + 7.8 * static_cast<double>(longest);
   const double legend_left = kPageWidth - legend_width(legend) - 8;
   const double height = kTitle + row_height * static_cast<double>(row_count) +
                         static_cast<double>(panels.size()) * (below + above + row_height / 2) + 20;
-  Page page(kPageWidth, height,
-            record.variants.empty() ? "This fit and reference values" : "Effect of the mesh, and reference values",
-            record.title, record.simulated);
+  Page page(kPageWidth, height, title, record.title, record.simulated);
   page.legend(legend_left, height - kTitle - above - 6, legend);
 
   std::string csv = "parameter,unit,kind,name,value,standard_error\n";
@@ -156,14 +157,14 @@ std::optional<Drawing> variants(const RunRecord& record) {
     page.panel({left, bottom, legend_left - 24, top}, x, rows, "", plots, extra);
     top = bottom - below - above;
   }
-  return Drawing{
-      {"variants", "Effect of the mesh, and reference values",
-       "The same fit with other elements and meshes (open circles) beside this one (filled circle). If the "
-       "circles move by more than their bars, the mesh is part of the number and must be told with it. Dashed "
-       "lines are the reference values.",
-       ""},
-      csv,
-      page};
+  std::string caption;
+  if (!record.variants.empty()) {
+    caption =
+        "The same fit with other elements and meshes (open circles) beside this one (filled circle). If the circles "
+        "move by more than their bars, the mesh is part of the number and must be told with it.";
+  }
+  if (!record.references.empty()) caption += (caption.empty() ? "" : " ") + std::string("Dashed: reference values.");
+  return Drawing{{"variants", title, caption, ""}, csv, page};
 }
 
 }  // namespace taut::plot

@@ -15,10 +15,11 @@ struct Support {
   double coefficient = 0;
 };
 
-/// A connected piece of one material without supports, and the table index of its Young's modulus.
+/// A connected piece of one material, and the table index of its Young's modulus.
 struct Body {
   std::vector<int> nodes;
   int modulus = 0;
+  bool supported = false;  ///< a support prescribes some of its displacements
 };
 
 /// Sparsity pattern of the Hessian on the free unknowns: lower triangle, compressed columns, rows ascending.

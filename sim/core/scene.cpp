@@ -47,6 +47,8 @@ SceneBuilder::SceneBuilder(Mesh mesh, Plane plane, double thickness)
 }
 
 int SceneBuilder::declare(ParameterSpec spec, double value) {
+  if (parameters_.contains(spec.id))
+    throw InputError(fmt::format("'{}' is a parameter of the model already; choose another id", spec.id));
   const int index = parameters_.declare(std::move(spec));
   parameters_.check(index, value);
   values_.push_back(value);
@@ -109,6 +111,9 @@ void SceneBuilder::fix(const std::string& tag, const std::vector<int>& component
 }
 
 void SceneBuilder::add_elastic_clamp(const std::string& tag, double rotation_stiffness) {
+  if (mesh_.dimension() != 2) throw InputError("an elastic clamp is for 2D models; fix the face in 3D");
+  if (!clamped_.empty())
+    throw InputError("there is an elastic clamp already; one support may have a rotation_stiffness");
   const Tag face = mesh_.select(tag);
   double stiffest = 0;
   for (int index : modulus_) stiffest = std::max(stiffest, index < 0 ? 0.0 : values_[static_cast<size_t>(index)]);
@@ -187,6 +192,7 @@ void SceneBuilder::add_contact(double gap, const std::map<std::string, double>& 
                                const std::vector<std::vector<Eigen::Vector2d>>& obstacles,
                                const std::vector<GroundLine>& grounds, ContactForm form) {
   if (mesh_.dimension() != 2) throw InputError("contact is for 2D models; leave it out in 3D");
+  check_materials();
   ContactSettings settings;
   settings.form = form;
   settings.obstacles = obstacles;
@@ -200,7 +206,7 @@ void SceneBuilder::add_contact(double gap, const std::map<std::string, double>& 
                  "barrier stiffness of " + region, true},
                 pressures.at(region)));
   }
-  std::map<std::array<int, 2>, int> region_of;  // of an edge, by its nodes in ascending order
+  std::map<std::array<int, 2>, int> region_of;  // of an edge, by its nodes in either order
   for (int e = 0; e < mesh_.element_count(); ++e) {
     for (int a = 0; a < mesh_.nodes_per_element(); ++a) {
       for (int b = 0; b < mesh_.nodes_per_element(); ++b)
@@ -212,6 +218,8 @@ void SceneBuilder::add_contact(double gap, const std::map<std::string, double>& 
     settings.stiffness.push_back(stiffness[static_cast<size_t>(region_of.at(edge))]);
   auto contact = std::make_unique<Contact>(mesh_, settings);
   const Eigen::VectorXd rest = Eigen::VectorXd::Zero(mesh_.X.size());
+  if (contact->intersects(rest))
+    throw InputError("bodies, obstacles or grounds cross each other at rest; move the obstacle or the ground away");
   const double smallest = contact->smallest_distance(rest, 2 * gap);
   if (!(smallest > gap)) {
     throw InputError(fmt::format(
@@ -259,7 +267,7 @@ void SceneBuilder::check_rigid_motions() const {
   }
 }
 
-/// Connected pieces of each region that no support touches.
+/// Connected pieces of each region.
 std::vector<Body> SceneBuilder::bodies() const {
   std::vector<Body> bodies;
   for (int region = 0; region < static_cast<int>(mesh_.region_names.size()); ++region) {
@@ -272,7 +280,7 @@ std::vector<Body> SceneBuilder::bodies() const {
     }
     for (const auto& [dof, s] : supports_) {
       const int piece = part[static_cast<size_t>(dof / mesh_.dimension())];
-      if (piece >= 0) pieces.erase(piece);
+      if (piece >= 0) pieces[piece].supported = true;
     }
     for (auto& [representative, body] : pieces) {
       body.modulus = modulus_[static_cast<size_t>(region)];
@@ -282,12 +290,16 @@ std::vector<Body> SceneBuilder::bodies() const {
   return bodies;
 }
 
-Scene SceneBuilder::build() {
+void SceneBuilder::check_materials() const {
   for (size_t r = 0; r < has_material_.size(); ++r) {
     if (!has_material_[r])
       throw InputError(
           fmt::format("region '{}' has no material; add [materials.{}]", mesh_.region_names[r], mesh_.region_names[r]));
   }
+}
+
+Scene SceneBuilder::build() {
+  check_materials();
   check_rigid_motions();
   std::vector<Support> supports;
   for (const auto& [dof, s] : supports_) supports.push_back(s);

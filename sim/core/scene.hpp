@@ -73,6 +73,7 @@ class SceneBuilder {
 
  private:
   void support(const std::string& tag, int component, int control);
+  void check_materials() const;
   void check_rigid_motions() const;
   std::vector<Body> bodies() const;
   void check_direction(const Eigen::VectorXd& direction) const;

@@ -47,7 +47,7 @@ std::string SolveReport::message() const {
     text += fmt::format(", reached {:.3g} % of the load, out-of-balance force {:.3g} N", 100 * reached, gradient);
   }
   if (status == SolveStatus::load_step_limit)
-    text += "; the equilibrium path seems to end there, as at a limit load: lower the load or change where it starts";
+    text += "; the path may end there, as at a limit load: lower the load, or allow more iterations";
   return text;
 }
 
@@ -282,6 +282,9 @@ Eigen::VectorXd Equilibrium::predict(const Params& p) const {
   Assembly a, b;
   model_->evaluate({predicted, p}, a);
   model_->evaluate({plain, p}, b);
+  // Supports may have been moved through something, which the contact barrier would not notice afterwards.
+  if (model_->step_limit({u_, p}, plain - u_) < 1) b.energy = infinity;
+  if (model_->step_limit({u_, p}, predicted - u_) < 1) a.energy = infinity;
   return std::isfinite(a.energy) && !(a.energy > b.energy) ? predicted : plain;
 }
 
@@ -316,13 +319,16 @@ const SolveReport& Equilibrium::solve(const Params& p) {
   double step = 1;
   while (report_.reached < 1) {
     const double target = std::min(1.0, report_.reached + step);
+    step = target - report_.reached;
     const Params next = target == 1.0 ? p : Params(start + target * (p - start));
-    // Supports that move far in one go invert the elements beside them, unless the whole body is predicted to follow.
-    if (model_->support_moves(p_, next)) refactorise();
+    // Supports that move far in one go invert the elements beside them, unless the whole body is predicted to follow; a
+    // checked path needs its prediction too.
+    if (model_->support_moves(p_, next) || (options_.check_path && next != p_)) refactorise();
     Eigen::VectorXd u = predict(next);
     const bool checked = options_.check_path && next != p_;
     const Eigen::VectorXd predicted = checked && has_factor_ ? u : Eigen::VectorXd();
-    report_.status = settle(u, next);
+    const bool passes = model_->step_limit({u_, next}, u - u_) < 1;
+    report_.status = passes ? SolveStatus::infeasible_start : settle(u, next);
     if (report_.status == SolveStatus::converged) {
       const Eigen::VectorXd u_before = std::exchange(u_, u);
       const Params p_before = std::exchange(p_, next);
@@ -343,8 +349,8 @@ const SolveReport& Equilibrium::solve(const Params& p) {
       step *= 2;
       continue;
     }
-    has_factor_ = false;  // it belongs to a state that was given up
-    if (report_.status == SolveStatus::interrupted) break;
+    has_factor_ = false;                                                  // it belongs to a state that was given up
+    if (report_.status == SolveStatus::interrupted || next == p_) break;  // nothing to take shorter steps of
     if (report_.status == SolveStatus::infeasible_start) {
       Assembly out;
       model_->evaluate({u_, p_}, out);

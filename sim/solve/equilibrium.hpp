@@ -82,7 +82,8 @@ class Equilibrium {
  private:
   struct NewtonResult {
     SolveStatus status;
-    bool exact_factor;  ///< the kept factor is of the exact Hessian at the final u
+    bool exact_factor;  ///< the kept factor is of the exact Hessian, one last step within the tolerance before the
+                        ///< final u
   };
   NewtonResult minimise(Eigen::VectorXd& u, const Params& p);
   bool leave_saddle(Eigen::VectorXd& u, const Params& p);

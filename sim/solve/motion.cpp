@@ -23,7 +23,7 @@ Motion::Motion(const Model& model, const Params& p) : model_(&model) {
   double softest = std::numeric_limits<double>::infinity();
   for (const Body& body : model.bodies()) softest = std::min(softest, p[body.modulus]);
   for (const Body& body : model.bodies()) {
-    if (p[body.modulus] > 100 * softest) stiff_.push_back(&body);
+    if (!body.supported && p[body.modulus] > 100 * softest) stiff_.push_back(&body);
   }
 }
 

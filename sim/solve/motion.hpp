@@ -15,7 +15,7 @@ namespace taut {
 /// dx/da at a = 0 is the step, so Newton's order and the slope of the energy are untouched.
 class Motion {
  public:
-  /// Bodies whose modulus at `p` is more than 100 times the softest one's count as stiff.
+  /// Bodies without supports whose modulus at `p` is more than 100 times the softest one's count as stiff.
   Motion(const Model& model, const Params& p);
 
   /// u(fraction), all unknowns.
