@@ -24,7 +24,7 @@ double contact_gap(const MeshSettings& settings, double diagonal) {
   return settings.contact_gap > 0 ? settings.contact_gap : 2e-5 * diagonal;
 }
 
-/// Fraction of the contact gap that faces rest apart at the pressure [Pa] that their barrier is made for.
+/// Fraction of the contact gap that faces rest apart at about half the pressure that contact_pressures() allows for.
 constexpr double resting_distance = 0.65;
 
 Eigen::VectorXd vector_of(const std::vector<double>& values) {

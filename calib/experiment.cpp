@@ -332,8 +332,7 @@ void read_contact(TableReader table, Experiment& experiment) {
     contact.stiffness = table.quantity("stiffness", Quantity::stiffness);
     if (!(*contact.stiffness > 0)) table.fail("stiffness", "the stiffness must be positive");
   } else if (table.has("stiffness")) {
-    table.fail("stiffness",
-               "the barrier's stiffness is set from materials and loads; only form = \"pair_sum\" takes one");
+    table.fail("stiffness", "the barrier's stiffness is set from materials and loads; only the pair sums take one");
   }
   for (TableReader& one : table.tables("obstacle")) {
     std::vector<Eigen::Vector2d>& line = contact.obstacles.emplace_back();
@@ -432,6 +431,15 @@ void read_solver(TableReader table, Experiment& experiment) {
   if (!(options.step_tolerance > 1e-14 && options.step_tolerance < 1e-2))
     table.fail("step_tolerance", "a number between 1e-14 and 1e-2 belongs here");
   experiment.threads = table.integer("threads", 0, 0);
+  table.finish();
+}
+
+void read_figures(TableReader table, Experiment& experiment) {
+  experiment.trend_degree = table.integer("trend_degree", 0, 0);
+  if (experiment.trend_degree > 5) {
+    table.fail("trend_degree",
+               fmt::format("{} is too high for a trend; allowed: 0 (none) to 5", experiment.trend_degree));
+  }
   table.finish();
 }
 
@@ -582,6 +590,7 @@ Experiment read_experiment(const std::string& path) {
   read_bench(root.table("bench"), experiment);
   if (auto fit = root.optional_table("fit")) read_fit(*fit, experiment);
   if (auto solver = root.optional_table("solver")) read_solver(*solver, experiment);
+  if (auto figures = root.optional_table("figures")) read_figures(*figures, experiment);
   refuse_without_effect(experiment);
   root.finish();
   return experiment;

@@ -152,6 +152,7 @@ struct Experiment {
   std::vector<ReferenceValue> references;
   EquilibriumOptions equilibrium;
   int threads = 0;
+  int trend_degree = 0;  ///< of the polynomials in the figure of the effective stiffness; 0: none
 };
 
 /// Reads and checks an experiment file. Paths in it are relative to it. Throws InputError with file, line, what is

@@ -365,18 +365,20 @@ Verdict verdict_of(const Spread& spread) {
 
 std::string explain(const ParameterEstimate& e, const Spread& spread, const std::string& partner, double correlation,
                     bool at_bound) {
-  const double percent = 100 * spread.joint;
+  const std::string known_to =
+      e.spec.logarithmic
+          ? fmt::format("{:.2g} %", 100 * spread.joint)
+          : fmt::format("{} ({:.2g} % of its range)", with_unit(e.standard_error, e.spec.unit, 2), 100 * spread.joint);
   std::string text;
   switch (e.verdict) {
     case Verdict::well_determined:
-      text = fmt::format("The readings determine {} to {:.2g} %{}.", e.spec.id, percent,
-                         e.spec.logarithmic ? "" : " of its range");
+      text = fmt::format("The readings determine {} to {}.", e.spec.id, known_to);
       break;
     case Verdict::weakly_determined:
       text = fmt::format(
-          "The readings determine {} to {:.2g} %{} only: its value is a rough one; more repeats or loads at which it "
+          "The readings determine {} to {} only: its value is a rough one; more repeats or loads at which it "
           "matters more would help.",
-          e.spec.id, percent, e.spec.logarithmic ? "" : " of its range");
+          e.spec.id, known_to);
       break;
     case Verdict::bounded_from_one_side:
       text = fmt::format(
@@ -406,7 +408,7 @@ std::string explain(const ParameterEstimate& e, const Spread& spread, const std:
       std::abs(correlation) > 0.9) {
     text += fmt::format(" It is correlated with {} ({:.2f}).", partner, correlation);
   }
-  if (at_bound)
+  if (at_bound && e.verdict != Verdict::bounded_from_one_side)
     text +=
         " The fit ended at a bound that was set, not at what the readings prefer: widen the bound or ask whether the "
         "model fits.";

@@ -8,6 +8,7 @@
 #include <map>
 #include <thread>
 
+#include "calib/units.hpp"
 #include "sim/terms/solid.hpp"
 
 namespace taut {
@@ -98,7 +99,7 @@ std::string StaticProtocol::describe(const Condition& condition) const {
   std::string text;
   for (size_t k = 0; k < controls_.size(); ++k) {
     const ParameterSpec& spec = parameters()[controls_[k]];
-    text += fmt::format("{}{} = {:.6g} {}", k == 0 ? "" : ", ", spec.id, condition.controls[k], spec.unit);
+    text += fmt::format("{}{} = {}", k == 0 ? "" : ", ", spec.id, with_unit(condition.controls[k], spec.unit));
   }
   return text;
 }
@@ -107,7 +108,8 @@ std::string StaticProtocol::describe_parameters(const Params& p) const {
   std::string text;
   for (int i = 0; i < parameters().size(); ++i) {
     if (std::find(controls_.begin(), controls_.end(), i) != controls_.end()) continue;
-    text += fmt::format(" {} = {:.6g}", parameters()[i].id, p[i]);
+    text +=
+        fmt::format("{}{} = {}", text.empty() ? "" : ", ", parameters()[i].id, with_unit(p[i], parameters()[i].unit));
   }
   return text;
 }
@@ -210,7 +212,7 @@ Prediction StaticProtocol::predict(const Params& p, const std::vector<int>& free
     newton_iterations_ += condition.report.iterations;
     if (condition.report.status != SolveStatus::converged) {
       prediction.failures.push_back(fmt::format(
-          "no equilibrium at {} with{}: {}", describe(condition), describe_parameters(p),
+          "no equilibrium at {} (with {}): {}", describe(condition), describe_parameters(p),
           condition.report.not_tried ? "the state that it starts from failed" : condition.report.message()));
     }
   }

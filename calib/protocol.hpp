@@ -95,6 +95,8 @@ class StaticProtocol final : public Protocol {
     double smallest_jacobian = 0;  ///< over quadrature points and nodes, after the last solve
   };
   const std::vector<Condition>& conditions() const { return conditions_; }
+  /// "mass = 0.5 kg, retraction = 17.68 mm".
+  std::string describe(const Condition& condition) const;
   int factorisations() const override { return factorisations_; }
   int newton_iterations() const { return newton_iterations_; }
 
@@ -110,7 +112,6 @@ class StaticProtocol final : public Protocol {
   void solve_condition(Condition& condition, const Params& p, const std::vector<int>& free,
                        Equilibrium& equilibrium) const;
   bool near(const Params& from, const Params& to) const;
-  std::string describe(const Condition& condition) const;
   std::string describe_parameters(const Params& p) const;
 
   Scene scene_;

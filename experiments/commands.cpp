@@ -11,6 +11,7 @@
 #include "calib/uniaxial.hpp"
 #include "experiments/session.hpp"
 #include "experiments/uniaxial_commands.hpp"
+#include "reports/diagnostic.hpp"
 #include "reports/draw.hpp"
 #include "reports/report.hpp"
 #include "sim/core/error.hpp"
@@ -103,6 +104,7 @@ void print_fit(const RunRecord& record) {
                  diagnostic.readings);
     }
   }
+  for (const DiagnosticGroup& group : diagnostic_groups(record)) fmt::print("  {}\n", interpretation(record, group));
   for (const VariantRecord& variant : record.variants) {
     std::string values;
     for (size_t j = 0; j < variant.values.size(); ++j) {
@@ -126,8 +128,8 @@ void print_fit(const RunRecord& record) {
 
 namespace {
 
-/// Standard deviation that a new reading of a channel would have at this load: that of the run's readings, interpolated
-/// over the load and constant beyond them.
+/// Standard deviation that a new reading of a channel would have at this load when the bench lists them row by row:
+/// that of the run's readings, interpolated over the load and constant beyond them.
 double sigma_at(const RunRecord& record, const std::string& channel, double load) {
   std::map<double, std::pair<double, int>> by_load;  // load to sum of sigma^2 and count
   for (size_t i = 0; i < record.readings.size(); ++i) {
@@ -226,8 +228,10 @@ std::vector<DiagnosticRecord> diagnose(const Session& session, const FitResult& 
     how.profiles = false;
     how.stop = options.stop;
     const int index = protocol.parameters().index(settings.parameter);
-    const ParameterSpec& spec = protocol.parameters()[index];
-    const FitResult result = fit(protocol, bench.measurements, {{index, main.p[index], spec.lower, spec.upper}}, how);
+    const auto whole = std::find_if(main.parameters.begin(), main.parameters.end(),
+                                    [&](const ParameterEstimate& e) { return e.spec.id == settings.parameter; });
+    const FitResult result =
+        fit(protocol, bench.measurements, {{index, whole->value, whole->lower, whole->upper}}, how);
     const bool good = result.status == FitStatus::converged;
     record.value = good ? result.parameters.front().value : std::nan("");
     record.standard_error = good ? result.parameters.front().standard_error : std::nan("");
@@ -497,7 +501,11 @@ int predict_command(const CommandOptions& options) {
     const double load = k < 0 ? 0.0
                               : load_in_newtons(experiment, trials.control_quantities[static_cast<size_t>(k)],
                                                 reading.controls[static_cast<size_t>(k)]);
-    const double curve = 1.96 * error, noisy = 1.96 * std::hypot(error, sigma_at(record, channel, load));
+    const BenchFormat& format = experiment.bench;
+    const double sigma = format.sigma_column.empty()
+                             ? format.channels[static_cast<size_t>(reading.channel)].noise.sigma(value)
+                             : sigma_at(record, channel, load);
+    const double curve = 1.96 * error, noisy = 1.96 * std::hypot(error, sigma);
     csv += fmt::format("{},{}", reading.line, channel);
     for (double control : reading.controls) csv += fmt::format(",{:.10g}", control);
     csv += fmt::format(",{:.8g},{:.3g},{:.8g},{:.8g},{:.8g},{:.8g}\n", value, error, value - curve, value + curve,

@@ -183,23 +183,22 @@ std::vector<std::string> warnings_after(const StaticProtocol& protocol) {
   std::vector<std::string> warnings;
   for (const StaticProtocol::Condition& condition : protocol.conditions()) {
     if (condition.report.status != SolveStatus::converged) continue;
-    std::string where;
-    for (double value : condition.controls) where += fmt::format("{}{:.6g}", where.empty() ? "" : ", ", value);
+    const std::string where = protocol.describe(condition);
     if (condition.report.left_saddle)
       warnings.push_back(
-          fmt::format("at controls ({}) the straight path became unstable (buckling); the equilibrium on the side of "
+          fmt::format("at {} the straight path became unstable (buckling); the equilibrium on the side of "
                       "lower energy was taken",
                       where));
     if (condition.report.slipped) {
       warnings.push_back(
-          fmt::format("at controls ({}) the path slipped to another equilibrium, {:.3g} % of the way from the state "
+          fmt::format("at {} the path slipped to another equilibrium, {:.3g} % of the way from the state "
                       "before: several exist there, and the specimen may be in another one; leave this row out or hang "
                       "smaller loads",
                       where, 100 * condition.report.slipped_after));
     }
     if (condition.smallest_jacobian <= 0) {
       warnings.push_back(
-          fmt::format("at controls ({}) an element has folded between its quadrature points (smallest J = {:.2g}): do "
+          fmt::format("at {} an element has folded between its quadrature points (smallest J = {:.2g}): do "
                       "not trust the state near it; refine there or lower the load",
                       where, condition.smallest_jacobian));
     }
@@ -261,6 +260,7 @@ RunRecord start_record(const Session& session, const CommandOptions& options) {
   record.parameter_ids = protocol.parameters().ids();
   for (int control : protocol.controls()) record.control_units.push_back(protocol.parameters()[control].unit);
   record.load_control = load_control(session);
+  record.trend_degree = session.experiment.trend_degree;
   if (record.load_control >= 0) {
     const size_t k = static_cast<size_t>(record.load_control);
     record.load_label =

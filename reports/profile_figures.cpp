@@ -64,12 +64,18 @@ std::string open_end(const ParameterEstimate& estimate, const Points& points, bo
   return side + fmt::format("rises by {:.2g} only as far as {}, and no farther could be searched.", rise, place);
 }
 
-std::string in_unit(const std::optional<double>& end, const DisplayUnit& unit) {
-  return end ? fmt::format("{:.4g}", *end / unit.factor) : "open";
-}
-
 bool is_pure(const DisplayUnit& unit) {
   return unit.name.empty() || unit.name == "1";
+}
+
+/// "1.88 to 13.1 GPa", "1.88 GPa to open".
+std::string interval_of(const ParameterEstimate& estimate, const DisplayUnit& unit) {
+  const std::string name = is_pure(unit) ? "" : " " + unit.name;
+  const auto text = [&](const std::optional<double>& end, bool with_name) {
+    return end ? fmt::format("{:.4g}{}", *end / unit.factor, with_name ? name : "") : "open";
+  };
+  if (!estimate.lower95 && !estimate.upper95) return "open on both sides";
+  return text(estimate.lower95, !estimate.upper95) + " to " + text(estimate.upper95, true);
 }
 
 }  // namespace
@@ -158,8 +164,9 @@ std::optional<Drawing> profiles(const RunRecord& record) {
     extra += fmt::format(
         "set arrow from graph 0, first {0:.10g} to graph 1, first {0:.10g} nohead lw 1.5 dt (6,4) lc rgb '{1}'\n",
         kRise, colour(1));
-    extra += fmt::format("set label '{:.2f}' at first {:.10g}, first {:.10g} center offset 0,0.6 font ',11' tc rgb '{}'\n",
-                         kRise, estimate.value / unit.factor, kRise, colour(1));
+    extra +=
+        fmt::format("set label '{:.2f}' at first {:.10g}, first {:.10g} center offset 0,0.6 font ',11' tc rgb '{}'\n",
+                    kRise, estimate.value / unit.factor, kRise, colour(1));
     for (const bool upper : {false, true}) {
       if (upper ? estimate.upper95.has_value() : estimate.lower95.has_value()) continue;
       extra += fmt::format(
@@ -179,10 +186,7 @@ std::optional<Drawing> profiles(const RunRecord& record) {
                                 page.data({{estimate.value / unit.factor, 0}}), colour(0)));
     const double from = left + static_cast<double>(p % columns) * (across + gap);
     const double top = height - kTitle - above - static_cast<double>(p / columns) * (above + tall + below);
-    page.panel({from, top - tall, from + across, top}, x, y,
-               fmt::format("{}: {} to {}{}", id, in_unit(estimate.lower95, unit), in_unit(estimate.upper95, unit),
-                           is_pure(unit) ? "" : " " + unit.name),
-               plots, extra);
+    page.panel({from, top - tall, from + across, top}, x, y, id + ": " + interval_of(estimate, unit), plots, extra);
   }
   return Drawing{
       {"profiles", "How well the readings know each parameter",

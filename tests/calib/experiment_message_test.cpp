@@ -119,6 +119,12 @@ TEST_F(WrongExperiment, ValuesOfTheWrongType) {
   refuses("[materials.foam]", "[[materials]]", {"materials", "[materials]"});
   refuses("[bench]", "[solver]\nthreads = -1\n[bench]", {"@threads", "at least 0"});
   refuses("[bench]", "[solver]\nstep_tolerance = 1\n[bench]", {"@step_tolerance", "between 1e-14 and 1e-2"});
+  refuses("[bench]", "[figures]\ntrend_degree = 6\n[bench]",
+          {"@trend_degree", "[figures]", "6 is too high", "0 (none) to 5"});
+  refuses("[bench]", "[figures]\ntrend_degree = -1\n[bench]", {"@trend_degree", "at least 0"});
+  refuses("[bench]", "[figures]\ntrend_degree = \"2\"\n[bench]", {"@trend_degree", "a whole number"});
+  refuses("[bench]", "[figures]\ntrend = 2\n[bench]",
+          {"@trend = 2", "unknown key 'trend'", "did you mean 'trend_degree'"});
 }
 
 TEST_F(WrongExperiment, NumbersThatAreNotPhysical) {

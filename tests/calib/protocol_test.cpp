@@ -204,7 +204,7 @@ TEST(StaticProtocol, ALoadThatCannotBeCarriedCostsItsOwnRowsOnly) {
     EXPECT_EQ(a.derivatives.row(row), b.derivatives.row(same));
   }
   ASSERT_EQ(a.failures.size(), 1u);
-  for (const char* part : {"force = 1e+06 N", "push = 0.5 N", "E_soft = 100000", "nu_firm = 0.4", "g = 9.81"}) {
+  for (const char* part : {"force = 1000 kN", "push = 500 mN", "E_soft = 100 kPa", "nu_firm = 0.4", "g = 9.81"}) {
     EXPECT_NE(a.failures[0].find(part), std::string::npos) << part << " is not in: " << a.failures[0];
   }
   EXPECT_EQ(a.failures[0].find('\n'), std::string::npos);

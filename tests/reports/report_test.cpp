@@ -142,6 +142,67 @@ TEST_F(ReportTest, MoreConditionsThanFitArePickedAndTheCaptionSaysSo) {
   }
 }
 
+TEST_F(ReportTest, ProfilesAreDrawnAndAnOpenIntervalIsDrawnAndSaidAsOpen) {
+  RunRecord record = test::push_puppet_module();
+  const auto profiles = [&] {
+    Figure found;
+    for (const Figure& figure : draw_figures(record, folder())) {
+      if (figure.name == "profiles") found = figure;
+    }
+    return found;
+  };
+  Figure figure = profiles();
+  for (const char* text : {"3.84", "E_foam: 55.62 to 67.25 kPa", "E_foam [kPa], logarithmic", "mu_tendon: open to 0.46",
+                           ">open<", "open: no limit", "SIMULATED DATA"}) {
+    EXPECT_TRUE(contains(figure.svg, text)) << text;
+  }
+  EXPECT_TRUE(contains(figure.caption,
+                       "mu_tendon is open below: chi squared rises by 2.9 only as far as 0, the bound of the fit"))
+      << figure.caption;
+  EXPECT_FALSE(contains(figure.caption, "E_foam is open"));
+  const auto all = rows("figures/profiles.csv");
+  EXPECT_EQ(count(all, "point"), 4 + 5) << "points too high to draw are here all the same";
+  for (auto row : all) {
+    if (row["kind"] == "lower95") {
+      EXPECT_EQ(row["value"].empty(), row["parameter"] == "mu_tendon");
+    }
+    if (row["kind"] == "upper95") {
+      EXPECT_NEAR(std::stod(row["rise_of_chi_squared"]), 3.8415, 1e-3);
+    }
+  }
+
+  record.fit.parameters[1].profile.erase(
+      record.fit.parameters[1].profile.begin());  // the search ended before the bound
+  record.fit.parameters[1].profile.insert(record.fit.parameters[1].profile.begin(), {0.1, 0.8});
+  EXPECT_TRUE(contains(profiles().caption, "only as far as 0.1, and no farther could be searched"));
+  record.fit.parameters[1].profile.front().second = 5;
+  EXPECT_TRUE(contains(profiles().caption, "only because another parameter meets its bound"));
+
+  record.fit.parameters[1].profile.clear();  // its interval is the parabola's: no panel
+  figure = profiles();
+  EXPECT_FALSE(contains(figure.svg, "mu_tendon"));
+  EXPECT_FALSE(contains(figure.svg, "open"));
+  record.fit.parameters[0].profile = {{61.3e3, 0}};
+  EXPECT_TRUE(profiles().name.empty());
+}
+
+TEST_F(ReportTest, DiagnosticsAreDrawnBesideTheWholeFit) {
+  RunRecord record = test::push_puppet_module();
+  record.diagnostics[2].value = record.diagnostics[2].standard_error = std::numeric_limits<double>::quiet_NaN();
+  std::string svg;
+  for (const Figure& figure : draw_figures(record, folder())) svg += figure.name == "diagnostic" ? figure.svg : "";
+  for (const char* text : {"From each retraction alone", "retraction = 5.89 mm", "retraction = 11.79 mm (failed)",
+                           "whole fit", "E_foam [kPa]", "SIMULATED DATA"}) {
+    EXPECT_TRUE(contains(svg, text)) << text;
+  }
+  auto all = rows("figures/diagnostic.csv");
+  ASSERT_EQ(all.size(), 5u);
+  EXPECT_EQ(all[0]["part"], "all");
+  EXPECT_EQ(all[0]["value"], "61300");
+  EXPECT_NEAR(std::stod(all[1]["lower95"]), 61.9e3 - 1.959964 * 1.1e3, 0.1);
+  EXPECT_EQ(all[3]["value"], "");
+}
+
 TEST_F(ReportTest, ATrendIsAPolynomialThroughEachSeriesOnRequest) {
   RunRecord record = test::empty_record("E", 1e5, 1e3);
   for (const double load : {1.0, 2.0, 3.0, 4.0}) {

@@ -7,6 +7,7 @@
 #include <fstream>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <tuple>
 
 #include "tests/support/message.hpp"
 #include "tests/support/run_records.hpp"
@@ -90,6 +91,26 @@ TEST_F(RunRecordTest, ReadingBackReproducesTheRecord) {
       EXPECT_EQ(again.readings[i].controls, record.readings[i].controls);
     }
   }
+}
+
+TEST_F(RunRecordTest, ProfilesAndDiagnosticsSurviveFailedOnesAsNull) {
+  RunRecord record = test::push_puppet_module();
+  record.diagnostics[1].value = record.diagnostics[1].standard_error = kNaN;
+  const auto json = nlohmann::json::parse(to_json(record));
+  EXPECT_EQ(json["parameters"][0]["profile"][0], nlohmann::json::parse("[55500.0, 3.9]"));
+  EXPECT_TRUE(json["diagnostics"][1]["value"].is_null());
+  write_file(path("fit.json"), to_json(record));
+  const RunRecord again = read_run(folder_.string());
+  for (size_t p = 0; p < 2; ++p) EXPECT_EQ(again.fit.parameters[p].profile, record.fit.parameters[p].profile);
+  EXPECT_FALSE(again.fit.parameters[1].lower95.has_value());
+  ASSERT_EQ(again.diagnostics.size(), 4u);
+  for (size_t i : {0, 2, 3}) {
+    const DiagnosticRecord &a = again.diagnostics[i], &b = record.diagnostics[i];
+    EXPECT_EQ(std::tie(a.parameter, a.part, a.value, a.standard_error, a.chi_squared, a.readings),
+              std::tie(b.parameter, b.part, b.value, b.standard_error, b.chi_squared, b.readings));
+  }
+  EXPECT_TRUE(std::isnan(again.diagnostics[1].value));
+  EXPECT_EQ(again.diagnostics[1].part, "retraction = 5.89 mm");
 }
 
 TEST_F(RunRecordTest, DoublesKeepEveryBit) {

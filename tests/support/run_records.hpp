@@ -219,7 +219,8 @@ inline RunRecord tendon_finger() {
 }
 
 /// A module with cables at the same retractions and masses; its shapes are a made-up map of the reference module's
-/// mesh.
+/// mesh. Its profiles: a modulus known on both sides, a friction that is open below, as far as its bound. Its
+/// diagnostics agree with the whole fit.
 inline RunRecord push_puppet_module() {
   RunRecord record = tendon_finger();
   record.title = "Push-puppet module under cable retraction and hung masses";
@@ -267,6 +268,13 @@ inline RunRecord push_puppet_module() {
     }
   }
   record.trend_degree = 2;
+  record.fit.parameters[0].profile = {{55.5e3, 3.9}, {58.2e3, 1.1}, {61.3e3, 0}, {67.3e3, 3.7}};
+  record.fit.parameters[1].profile = {{0, 2.9}, {0.21, 0}, {0.4, 2.6}, {0.46, 3.85}, {0.9, 14}};
+  record.diagnostics = {{"E_foam", "retraction = 0 mm", 61.9e3, 1.1e3, 9.5, 12},
+                        {"E_foam", "retraction = 5.89 mm", 60.2e3, 0.9e3, 17.7, 12},
+                        {"E_foam", "retraction = 11.79 mm", 62.0e3, 1.4e3, 7.7, 12},
+                        {"E_foam", "retraction = 17.2 mm", 58.4e3, 2.9e3, 10.6, 12}};
+  record.setup.emplace_back("material foam", "neo_hookean, E = 50 kPa, nu = 0.2");
   return record;
 }
 
