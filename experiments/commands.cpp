@@ -355,11 +355,18 @@ int replay_command(const CommandOptions& options) {
                               {"measured_m", r.measured},
                               {"predicted_m", number(r.predicted)}});
     }
+    for (const CableState& state : cable_states(session))
+      json["cables"].push_back(
+          {{"state", state.where}, {"cable", state.cable}, {"tension_N", state.tension}, {"length_m", state.length}});
     json["failures"] = prediction.failures;
     fmt::print("{}\n", json.dump(2));
   } else {
     if (record.simulated) fmt::print("SIMULATED DATA in the column 'measured'.\n");
     print_readings(record);
+    for (const CableState& state : cable_states(session)) {
+      fmt::print("cable {:<10} {:<40} tension {:>9}, length {}\n", state.cable, state.where,
+                 with_unit(state.tension, "N"), with_unit(state.length, "m", 5));
+    }
   }
   for (const std::string& warning : record.remarks) progress.say("warning: " + warning);
   for (const std::string& warning : warnings_after(protocol)) progress.say("warning: " + warning);

@@ -217,6 +217,22 @@ std::string describe_controls(const Session& session, const std::vector<double>&
   return text;
 }
 
+std::vector<CableState> cable_states(const Session& session) {
+  std::vector<CableState> states;
+  const StaticProtocol& protocol = *session.bench.protocol;
+  for (size_t c = 0; c < session.bench.cables.size(); ++c) {
+    const auto tension = make_cable_tension(protocol.scene().model->mesh(), session.bench.cables[c]);
+    const auto length = make_cable_length(protocol.scene().model->mesh(), session.bench.cables[c]);
+    for (const StaticProtocol::Condition& condition : protocol.conditions()) {
+      if (condition.report.status != SolveStatus::converged) continue;
+      const Point at{condition.u, condition.p};
+      states.push_back({protocol.describe(condition), session.experiment.cables.cables[c].id, tension->value(at),
+                        length->value(at)});
+    }
+  }
+  return states;
+}
+
 size_t diagnostic_control(const Session& session) {
   const std::vector<std::string>& ids = session.trials.control_ids;
   return static_cast<size_t>(std::find(ids.begin(), ids.end(), session.experiment.diagnostic->per) - ids.begin());

@@ -42,6 +42,13 @@ std::vector<std::string> warnings_after(const StaticProtocol& protocol);
 /// "retraction = 5.89 mm".
 std::string describe_control(const Session& session, size_t control, double value);
 
+/// Tension [N] and length [m] of a cable in one solved state.
+struct CableState {
+  std::string where, cable;
+  double tension = 0, length = 0;
+};
+std::vector<CableState> cable_states(const Session& session);
+
 /// Position among the controls of [fit.diagnostic]'s `per`.
 size_t diagnostic_control(const Session& session);
 

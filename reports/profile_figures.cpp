@@ -78,6 +78,10 @@ std::string interval_of(const ParameterEstimate& estimate, const DisplayUnit& un
   return text(estimate.lower95, !estimate.upper95) + " to " + text(estimate.upper95, true);
 }
 
+std::string label_of(const DiagnosticRecord& part) {
+  return shortened(part.part, 40) + (std::isfinite(part.value) ? "" : " (failed)");
+}
+
 }  // namespace
 
 std::optional<Drawing> profiles(const RunRecord& record) {
@@ -207,7 +211,7 @@ std::optional<Drawing> diagnostic(const RunRecord& record) {
   size_t longest = 0, row_count = 0;
   for (const DiagnosticGroup& group : groups) {
     row_count += group.parts.size();
-    for (const DiagnosticRecord* part : group.parts) longest = std::max(longest, length_of(shortened(part->part, 40)));
+    for (const DiagnosticRecord* part : group.parts) longest = std::max(longest, length_of(label_of(*part)));
   }
   constexpr double row_height = 30, below = 58, above = 34;
   const std::vector<LegendEntry> legend = {{LegendEntry::point, "from these alone", colour(0), 6},
@@ -240,10 +244,8 @@ std::optional<Drawing> diagnostic(const RunRecord& record) {
       const double half = k95 * part->standard_error;
       csv += line(whole.spec.id, whole.spec.unit, part->part, part->readings, part->value, part->standard_error,
                   part->value - half, part->value + half, part->chi_squared);
-      const bool known = std::isfinite(part->value);
-      tics_text += fmt::format("{}{} {}", tics_text.empty() ? "" : ", ",
-                               literal(shortened(part->part, 40) + (known ? "" : " (failed)")), y);
-      if (known) {
+      tics_text += fmt::format("{}{} {}", tics_text.empty() ? "" : ", ", literal(label_of(*part)), y);
+      if (std::isfinite(part->value)) {
         const double value = part->value / unit.factor, bar = std::isfinite(half) ? half / unit.factor : 0;
         points.push_back({value, y, bar});
         shown.insert(shown.end(), {value - bar, value + bar});

@@ -123,8 +123,8 @@ TEST_F(WrongExperiment, ValuesOfTheWrongType) {
           {"@trend_degree", "[figures]", "6 is too high", "0 (none) to 5"});
   refuses("[bench]", "[figures]\ntrend_degree = -1\n[bench]", {"@trend_degree", "at least 0"});
   refuses("[bench]", "[figures]\ntrend_degree = \"2\"\n[bench]", {"@trend_degree", "a whole number"});
-  refuses("[bench]", "[figures]\ntrend = 2\n[bench]",
-          {"@trend = 2", "unknown key 'trend'", "did you mean 'trend_degree'"});
+  refuses("[bench]", "[figures]\ntrend_degre = 2\n[bench]",
+          {"@trend_degre", "unknown key 'trend_degre'", "did you mean 'trend_degree'"});
 }
 
 TEST_F(WrongExperiment, NumbersThatAreNotPhysical) {

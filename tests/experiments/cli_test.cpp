@@ -248,7 +248,7 @@ TEST_F(Command, AReplayThatFailsForOneLoadTellsTheOthersAndExitsWithThree) {
   EXPECT_TRUE(result.at("rows")[0].at("predicted_m").is_number());
   EXPECT_TRUE(result.at("rows")[1].at("predicted_m").is_null());
   EXPECT_EQ(result.at("failures").size(), 1u);
-  expect_holds(outcome.err, {"no equilibrium at pull = 1e+06 N", "E_foam = 100000"});
+  expect_holds(outcome.err, {"no equilibrium at pull = 1000 kN", "E_foam = 100000"});
 }
 
 // ---- fit, predict, report
@@ -325,6 +325,19 @@ TEST_F(Command, AFitTellsPeopleItsResultOnStdout) {
   expect_holds(fit.out, {"SIMULATED DATA", "E_foam = ", "95 % interval", "well determined", "chi squared"});
 }
 
+TEST_F(Command, AFitToPartsOfTheReadingsIsToldWithWhatItMeansAndATrendIsHandedToTheFigures) {
+  simulate_readings();
+  folder_.write("beam/experiment.toml",
+                std::string(beam_toml) +
+                    "\n[fit.diagnostic]\nparameter = \"E_foam\"\nper = \"pull\"\n[figures]\ntrend_degree = 2\n");
+  const Outcome fit = taut({"fit", experiment_, "--out", folder_ / "run", "--quiet"});
+  EXPECT_EQ(fit.code, 0) << fit.err;
+  expect_holds(fit.out,
+               {"from pull = ", "All agree with the whole fit within 2 standard errors: one law serves every pull."});
+  EXPECT_EQ(json::parse(text_of(folder_ / "run/fit.json")).at("trend_degree"), 2);
+  EXPECT_TRUE(fs::exists(folder_ / "run/figures/diagnostic.svg"));
+}
+
 TEST_F(Command, TheRunFolderIsNamedAfterTheExperiment) {
   simulate_readings();
   EXPECT_EQ(taut({"replay", experiment_, "--quiet"}).code, 0);
@@ -336,7 +349,7 @@ TEST_F(Command, AFitWhoseStartCannotBeSimulatedExitsWithThreeAndSaysWhy) {
   folder_.write("beam/bench.csv", "trial,pull_N,tip_mm\na,1e6,1\n");
   const Outcome fit = taut({"fit", experiment_, "--out", folder_ / "run", "--quiet"});
   EXPECT_EQ(fit.code, 3) << fit.err;
-  expect_holds(fit.err, {"no equilibrium at pull = 1e+06 N", "start of the fit", "taut replay"});
+  expect_holds(fit.err, {"no equilibrium at pull = 1000 kN", "start of the fit", "taut replay"});
   EXPECT_FALSE(fs::exists(folder_ / "run/fit.json"));
 }
 

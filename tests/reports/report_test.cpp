@@ -152,7 +152,7 @@ TEST_F(ReportTest, ProfilesAreDrawnAndAnOpenIntervalIsDrawnAndSaidAsOpen) {
     return found;
   };
   Figure figure = profiles();
-  for (const char* text : {"3.84", "E_foam: 55.62 to 67.25 kPa", "E_foam [kPa], logarithmic", "mu_tendon: open to 0.46",
+  for (const char* text : {"3.84", "E_foam: 55.87 to 67.26 kPa", "E_foam [kPa], logarithmic", "mu_tendon: open to 0.46",
                            ">open<", "open: no limit", "SIMULATED DATA"}) {
     EXPECT_TRUE(contains(figure.svg, text)) << text;
   }

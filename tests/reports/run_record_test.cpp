@@ -97,7 +97,7 @@ TEST_F(RunRecordTest, ProfilesAndDiagnosticsSurviveFailedOnesAsNull) {
   RunRecord record = test::push_puppet_module();
   record.diagnostics[1].value = record.diagnostics[1].standard_error = kNaN;
   const auto json = nlohmann::json::parse(to_json(record));
-  EXPECT_EQ(json["parameters"][0]["profile"][0], nlohmann::json::parse("[55500.0, 3.9]"));
+  EXPECT_EQ(json["parameters"][0]["profile"][0], nlohmann::json::parse("[55800.0, 3.9]"));
   EXPECT_TRUE(json["diagnostics"][1]["value"].is_null());
   write_file(path("fit.json"), to_json(record));
   const RunRecord again = read_run(folder_.string());

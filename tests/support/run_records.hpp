@@ -268,7 +268,7 @@ inline RunRecord push_puppet_module() {
     }
   }
   record.trend_degree = 2;
-  record.fit.parameters[0].profile = {{55.5e3, 3.9}, {58.2e3, 1.1}, {61.3e3, 0}, {67.3e3, 3.7}};
+  record.fit.parameters[0].profile = {{55.8e3, 3.9}, {58.2e3, 1.1}, {61.3e3, 0}, {67.3e3, 3.7}};
   record.fit.parameters[1].profile = {{0, 2.9}, {0.21, 0}, {0.4, 2.6}, {0.46, 3.85}, {0.9, 14}};
   record.diagnostics = {{"E_foam", "retraction = 0 mm", 61.9e3, 1.1e3, 9.5, 12},
                         {"E_foam", "retraction = 5.89 mm", 60.2e3, 0.9e3, 17.7, 12},
