@@ -84,10 +84,13 @@ void StaticProtocol::make_paths() {
     path.conditions.push_back(unloaded);
     path.conditions.insert(path.conditions.end(), list.begin(), list.end());
   }
-  // The longest way first, so that threads end together.
-  std::stable_sort(paths_.begin(), paths_.end(), [&](const Path& a, const Path& b) {
-    return size_of(a.conditions.front()) > size_of(b.conditions.front());
-  });
+  // Large loads take most. With retractions the soft module's large deflections and the closed one's contact do.
+  double mean = 0;
+  for (const Path& path : paths_) mean += size_of(path.conditions.front()) / static_cast<double>(paths_.size());
+  for (Path& path : paths_) {
+    const double size = size_of(path.conditions.front());
+    path.cost = options_.set_first.empty() ? size : std::abs(size - mean);
+  }
 }
 
 void StaticProtocol::forget() {
@@ -170,6 +173,7 @@ void StaticProtocol::solve_condition(Condition& condition, const Params& p, cons
 }
 
 void StaticProtocol::solve_path(Path& path, const Params& p, const std::vector<int>& free) {
+  path.cost = 0;
   if (!path.equilibrium) path.equilibrium = std::make_unique<Equilibrium>(*scene_.model, options_.equilibrium);
   for (int c : path.conditions) {
     Condition& condition = conditions_[static_cast<size_t>(c)];
@@ -181,6 +185,7 @@ void StaticProtocol::solve_path(Path& path, const Params& p, const std::vector<i
     } else {
       solve_condition(condition, p, free, *path.equilibrium);
     }
+    path.cost += condition.report.factorisations;
   }
 }
 
@@ -189,6 +194,8 @@ Prediction StaticProtocol::predict(const Params& p, const std::vector<int>& free
   const int cores = options_.threads > 0 ? options_.threads : static_cast<int>(std::thread::hardware_concurrency());
   const size_t count_of_threads =
       static_cast<size_t>(std::clamp(cores, 1, std::max(1, static_cast<int>(paths_.size()))));
+  // The dearest first, so that threads end together.
+  std::stable_sort(paths_.begin(), paths_.end(), [](const Path& a, const Path& b) { return a.cost > b.cost; });
   std::atomic<size_t> next{0};
   std::vector<std::exception_ptr> errors(count_of_threads);
   auto work = [&](size_t thread) {

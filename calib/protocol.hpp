@@ -103,6 +103,7 @@ class StaticProtocol final : public Protocol {
  private:
   struct Path {
     std::vector<int> conditions;  ///< in the order in which they are solved
+    double cost = 0;              ///< factorisations of its last solve, before the first one a guess
     std::unique_ptr<Equilibrium> equilibrium;
   };
   int condition_with(const std::vector<double>& controls);

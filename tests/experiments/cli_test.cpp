@@ -248,7 +248,7 @@ TEST_F(Command, AReplayThatFailsForOneLoadTellsTheOthersAndExitsWithThree) {
   EXPECT_TRUE(result.at("rows")[0].at("predicted_m").is_number());
   EXPECT_TRUE(result.at("rows")[1].at("predicted_m").is_null());
   EXPECT_EQ(result.at("failures").size(), 1u);
-  expect_holds(outcome.err, {"no equilibrium at pull = 1000 kN", "E_foam = 100000"});
+  expect_holds(outcome.err, {"no equilibrium at pull = 1000 kN", "E_foam = 100 kPa"});
 }
 
 // ---- fit, predict, report

@@ -53,8 +53,10 @@ void expect_gradient_by_slope(const Channel& channel, const Eigen::VectorXd& u, 
   for (int k = 0; k < 3; ++k) {
     const Eigen::VectorXd v = random_vector(u.size(), random);
     expect_taylor_order(
-        [&](double h) { return std::abs(channel.value({u + h * v, none}) - channel.value({u, none}) - h * gradient.dot(v)); }, 2, 1e-16,
-        size, 6, what);
+        [&](double h) {
+          return std::abs(channel.value({u + h * v, none}) - channel.value({u, none}) - h * gradient.dot(v));
+        },
+        2, 1e-16, size, 6, what);
   }
 }
 
