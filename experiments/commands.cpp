@@ -19,6 +19,12 @@
 namespace taut {
 namespace {
 
+/// An error in the unit that its value is shown in: "0.36 kPa" beside "61.15 kPa".
+std::string beside(double value, double error, std::string_view si_unit) {
+  const DisplayUnit unit = display_unit(value, si_unit);
+  return fmt::format("{:.2g}{}", error / unit.factor, unit.name == "1" ? "" : " " + unit.name);
+}
+
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
@@ -83,7 +89,7 @@ void print_fit(const RunRecord& record) {
   for (const ParameterEstimate& e : fit.parameters) {
     fmt::print("{} = {} +- {} (standard error), 95 % interval {}: {}\n  {}\n", e.spec.id,
                with_unit(e.value, e.spec.unit),
-               std::isfinite(e.standard_error) ? with_unit(e.standard_error, e.spec.unit, 2) : "unknown",
+               std::isfinite(e.standard_error) ? beside(e.value, e.standard_error, e.spec.unit) : "unknown",
                interval_text(e), name_of(e.verdict), e.explanation);
   }
   fmt::print("chi squared {:.4g} for {} degrees of freedom (p = {:.2g})", fit.chi_squared, fit.dof, fit.chi_squared_p);
@@ -100,8 +106,8 @@ void print_fit(const RunRecord& record) {
     for (const ParameterEstimate& e : fit.parameters) {
       if (e.spec.id != diagnostic.parameter) continue;
       fmt::print("from {} alone: {} = {} +- {} ({} readings)\n", diagnostic.part, e.spec.id,
-                 with_unit(diagnostic.value, e.spec.unit), with_unit(diagnostic.standard_error, e.spec.unit, 2),
-                 diagnostic.readings);
+                 with_unit(diagnostic.value, e.spec.unit),
+                 beside(diagnostic.value, diagnostic.standard_error, e.spec.unit), diagnostic.readings);
     }
   }
   for (const DiagnosticGroup& group : diagnostic_groups(record)) fmt::print("  {}\n", interpretation(record, group));
