@@ -7,6 +7,7 @@
 #include "sim/solve/equilibrium.hpp"
 #include "sim/solve/hessian.hpp"
 #include "sim/solve/motion.hpp"
+#include "sim/terms/load.hpp"
 
 // Equilibria with contact, and the parts of the solver that serve them.
 namespace taut::test {
@@ -139,6 +140,51 @@ TEST(ContactSolve, CouplingsOfPairsThatComeTogetherEnterTheFactorisedHessian) {
       EXPECT_LT((hessian.solve(Hv) - v).norm(), 1e-8 * v.norm());
     }
     if (round == 1) hessian.forget_couplings();
+  }
+}
+
+/// A shallow arch 100 x 2 mm that rises by 6 mm, clamped at both ends, pushed down at its middle by "force" [N].
+struct Arch {
+  Scene scene;
+  int force = -1;
+  Eigen::VectorXd middle;  ///< weights of the middle's drop
+};
+
+Arch arch() {
+  Mesh mesh = rectangle(graded(100e-3, 40), graded(2e-3, 1), 2, "strip");
+  map_vertices(mesh, [](const Eigen::VectorXd& X) {
+    const double s = 2 * X[0] / 100e-3 - 1;
+    return Eigen::VectorXd(Eigen::Vector2d(X[0], X[1] + 6e-3 * (1 - s * s)));
+  });
+  SceneBuilder builder(mesh, Plane::strain, 0.03);
+  builder.add_solid("strip", "neo_hookean", {{"E", 1e6}, {"nu", 0.2}});
+  builder.fix("xmin", {0, 1});
+  builder.fix("xmax", {0, 1});
+  Arch result;
+  result.force = builder.declare({"force", "F", "N", -1e3, 1e3, "force"}, 0.0);
+  const Eigen::Vector2d top(50e-3, 8e-3), down(0, -1);
+  builder.add_point_force(top, down, result.force);
+  result.middle = point_weights(builder.mesh(), locate(builder.mesh(), top), down);
+  result.scene = builder.build();
+  return result;
+}
+
+TEST(Path, AnArchThatSnapsThroughIsSaidToHaveSlippedAndOneThatOnlySagsIsNot) {
+  const Arch a = arch();
+  for (const auto& [force, snaps] : {std::pair{0.015, false}, {0.05, true}}) {
+    Equilibrium equilibrium(*a.scene.model, {.max_total_iterations = 2000, .check_path = true});
+    equilibrium.start_at_rest(a.scene.values);
+    Params p = a.scene.values;
+    p[a.force] = force;
+    ASSERT_EQ(equilibrium.solve(p).status, SolveStatus::converged) << equilibrium.report().message();
+    const double drop = a.middle.dot(equilibrium.u());
+    std::printf("%g N: drop %.3f mm; %s\n", force, 1e3 * drop, equilibrium.report().message().c_str());
+    EXPECT_EQ(drop > 8e-3, snaps);
+    EXPECT_EQ(equilibrium.report().slipped, snaps);
+    if (snaps) {
+      EXPECT_GT(equilibrium.report().slipped_after, 0.3) << "0.015 N are carried";
+      EXPECT_LT(equilibrium.report().slipped_after, 1);
+    }
   }
 }
 
