@@ -276,13 +276,9 @@ std::string contact_gap_remark(const Session& session, const Params& p, const Ei
 
 }  // namespace
 
-int check_command(const CommandOptions& options) {
-  if (is_uniaxial(options.target)) return check_uniaxial(options);
-  const Session session = open_session(options);
-  const std::vector<FreeParameter> free = free_parameters(session.experiment, *session.bench.protocol);
-  const RunRecord record = start_record(session, options);
-  const ParameterTable& table = session.bench.protocol->parameters();
-  if (options.json) {
+void print_check(const RunRecord& record, const ParameterTable& table, const std::vector<FreeParameter>& free,
+                 bool as_json) {
+  if (as_json) {
     Json json{{"title", record.title}, {"data", record.simulated ? "simulated" : "measured"}};
     for (const auto& [label, text] : record.setup) json["setup"].push_back({label, text});
     json["free"] = Json::array();
@@ -293,11 +289,10 @@ int check_command(const CommandOptions& options) {
                               {"unit", table[p.index].unit}});
     json["warnings"] = record.remarks;
     fmt::print("{}\n", json.dump(2));
-    return exit_ok;
+    return;
   }
   fmt::print("{}\n", record.title);
   for (const auto& [label, text] : record.setup) fmt::print("  {:<22} {}\n", label, text);
-  fmt::print("  {:<22} {}\n", "distinct solves", session.bench.protocol->conditions().size());
   for (const FreeParameter& p : free) {
     const ParameterSpec& spec = table[p.index];
     fmt::print("  {:<22} start {}, bounds {} to {}\n", "free " + spec.id, with_unit(p.start, spec.unit),
@@ -307,6 +302,15 @@ int check_command(const CommandOptions& options) {
     fmt::print("  nothing is free: `taut fit` needs at least one [fit.free.ID]; parameters: {}\n", join(table.ids()));
   for (const std::string& warning : record.remarks) fmt::print("warning: {}\n", warning);
   if (record.remarks.empty()) fmt::print("no problems found\n");
+}
+
+int check_command(const CommandOptions& options) {
+  if (is_uniaxial(options.target)) return check_uniaxial(options);
+  const Session session = open_session(options);
+  const StaticProtocol& protocol = *session.bench.protocol;
+  RunRecord record = start_record(session, options);
+  record.setup.emplace_back("distinct solves", std::to_string(protocol.conditions().size()));
+  print_check(record, protocol.parameters(), free_parameters(session.experiment, protocol), options.json);
   return exit_ok;
 }
 

@@ -62,6 +62,10 @@ std::string series_of(const Session& session, const std::vector<double>& control
 /// What a fit found, for people, on stdout.
 void print_fit(const RunRecord& record);
 
+/// What `taut check` says of an experiment: its setting, the free parameters, problems.
+void print_check(const RunRecord& record, const ParameterTable& table, const std::vector<FreeParameter>& free,
+                 bool as_json);
+
 /// The parts of a run record that do not come from a fit: title, set-up, readings (predictions NaN), references.
 RunRecord start_record(const Session& session, const CommandOptions& options);
 

@@ -190,31 +190,7 @@ int check_uniaxial(const CommandOptions& options) {
   const PointSession session(options);
   const UniaxialProtocol protocol = session.protocol(session.main, session.bench.rows);
   const std::vector<FreeParameter> free = free_parameters(session.experiment.common, protocol);
-  const RunRecord record = start_record(session, protocol, options);
-  const ParameterTable& table = protocol.parameters();
-  if (options.json) {
-    Json json{{"title", record.title}, {"data", record.simulated ? "simulated" : "measured"}};
-    for (const auto& [label, text] : record.setup) json["setup"].push_back({label, text});
-    json["free"] = Json::array();
-    for (const FreeParameter& p : free)
-      json["free"].push_back({{"id", table[p.index].id},
-                              {"start", p.start},
-                              {"bounds", {p.lower, p.upper}},
-                              {"unit", table[p.index].unit}});
-    json["warnings"] = record.remarks;
-    fmt::print("{}\n", json.dump(2));
-    return exit_ok;
-  }
-  fmt::print("{}\n", record.title);
-  for (const auto& [label, text] : record.setup) fmt::print("  {:<22} {}\n", label, text);
-  for (const FreeParameter& p : free) {
-    const ParameterSpec& spec = table[p.index];
-    fmt::print("  {:<22} start {}, bounds {} to {}\n", "free " + spec.id, with_unit(p.start, spec.unit),
-               with_unit(p.lower, spec.unit), with_unit(p.upper, spec.unit));
-  }
-  if (free.empty())
-    fmt::print("  nothing is free: `taut fit` needs at least one [fit.free.ID]; parameters: {}\n", join(table.ids()));
-  fmt::print("no problems found\n");
+  print_check(start_record(session, protocol, options), protocol.parameters(), free, options.json);
   return exit_ok;
 }
 
