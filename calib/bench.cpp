@@ -5,9 +5,9 @@
 #include <algorithm>
 #include <map>
 
+#include "calib/geometry.hpp"
+#include "calib/recordings.hpp"
 #include "sim/core/error.hpp"
-#include "sim/mesh/msh_file.hpp"
-#include "sim/mesh/structured.hpp"
 #include "sim/terms/load.hpp"
 
 namespace taut {
@@ -19,21 +19,8 @@ size_t position_of_control(const Experiment& experiment, const std::string& id) 
   return static_cast<size_t>(found - experiment.bench.controls.begin());
 }
 
-/// Distance at which contact sets in [m].
-double contact_gap(const MeshSettings& settings, double diagonal) {
-  return settings.contact_gap > 0 ? settings.contact_gap : 2e-5 * diagonal;
-}
-
-/// Fraction of the contact gap that faces rest apart at about half the pressure that contact_pressures() allows for.
-constexpr double resting_distance = 0.65;
-
 Eigen::VectorXd vector_of(const std::vector<double>& values) {
   return Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
-}
-
-std::vector<double> shifted(std::vector<double> coordinates, double origin) {
-  for (double& x : coordinates) x += origin;
-  return coordinates;
 }
 
 ParameterSpec control_spec(const std::string& id, Quantity quantity) {
@@ -159,35 +146,8 @@ void add_contact(const Experiment& experiment, const MeshSettings& settings, con
 }  // namespace
 
 Mesh make_mesh(const Experiment& experiment, const MeshSettings& settings) {
-  const GeometrySettings& g = experiment.geometry;
   return at(experiment, "[geometry]", [&] {
-    auto axis = [&](size_t i) { return shifted(graded(g.size[i], settings.cells[i]), g.origin[i]); };
-    if (g.kind == "box") return box(axis(0), axis(1), axis(2), settings.order, g.region);
-    if (g.kind == "rectangle") return rectangle(axis(0), axis(1), settings.order, g.region);
-    if (g.kind == "boxes") return mesh_boxes(g.boxes, settings.size, settings.order);
-    if (g.kind == "polygons") return mesh_polygons(g.polygons, settings.size, settings.order);
-    if (g.kind == "push_puppet") {
-      // Closed lips rest about this far apart: taken off their faces, so that they close where the specimen's own do.
-      const PushPuppetMesh resolution{settings.size, settings.lip_cells, settings.order};
-      if (!experiment.contact.on) return mesh_push_puppet(g.puppet, resolution);
-      const double gap = contact_gap(settings, mesh_push_puppet(g.puppet, resolution).diagonal());
-      const double largest = std::min(0.5 * g.puppet.gap_total / g.puppet.cells, g.puppet.via_inset);
-      if (gap > largest) {
-        throw InputError(fmt::format(
-            "the contact gap of {:.4g} mm is too large for the module: faces would push each other at rest or lose "
-            "their "
-            "via points; set contact_gap below {:.4g} mm (half a gap between lips, and via_inset), or leave it out",
-            1e3 * gap, 1e3 * largest));
-      }
-      return mesh_push_puppet(g.puppet, resolution, experiment.contact.compensate ? 0.5 * resting_distance * gap : 0.0);
-    }
-    Mesh mesh = read_msh(g.file, g.unit);
-    if (mesh.dimension() != g.dimension)
-      throw InputError(fmt::format("{} is a {}D mesh; set dimension = {}", g.file, mesh.dimension(), mesh.dimension()));
-    if (settings.order == 2 && order_of(mesh.shape) == 1) return to_quadratic(mesh);
-    if (settings.order == 1 && order_of(mesh.shape) == 2)
-      throw InputError(fmt::format("{} has quadratic elements; set element = \"quadratic\"", g.file));
-    return mesh;
+    return make_mesh(experiment.geometry, settings, experiment.contact.on, experiment.contact.compensate);
   });
 }
 
@@ -201,6 +161,7 @@ BenchModel make_model(const Experiment& experiment, const MeshSettings& settings
       builder.add_solid(material.region, material.law, material.constants, settings.formulation);
       if (material.density && !experiment.gravity_direction.empty())
         builder.add_weight(material.region, *material.density, vector_of(experiment.gravity_direction), gravity);
+      if (experiment.recordings) add_dynamics(experiment.dynamics, material, builder);
     });
   }
   std::map<std::string, int> control_index;
@@ -227,6 +188,7 @@ BenchModel make_model(const Experiment& experiment, const MeshSettings& settings
         control = control_index.at(load.id);
       }
       add_load(builder, load, control, gravity);
+      if (experiment.recordings && load.quantity == Quantity::mass) builder.add_point_mass(load.on, control);
     });
   }
   if (!experiment.cables.cables.empty())
@@ -246,6 +208,8 @@ BenchModel make_model(const Experiment& experiment, const MeshSettings& settings
       result.zero_offsets[value] = builder.declare({id, id, "m", -0.1 * diagonal, 0.1 * diagonal, meaning}, 0.0);
     }
   }
+  if (experiment.recordings)
+    at(experiment, "[bench]", [&] { result.recordings = declare_recordings(experiment, builder); });
   result.scene = at(experiment, "the model", [&] { return builder.build(); });
   return result;
 }

@@ -6,6 +6,7 @@
 #include "calib/experiment.hpp"
 #include "calib/fit.hpp"
 #include "calib/protocol.hpp"
+#include "calib/recording_protocol.hpp"
 #include "calib/trials.hpp"
 
 namespace taut {
@@ -20,6 +21,7 @@ struct BenchModel {
   std::vector<Cable> cables;              ///< as experiment.cables has them
   std::vector<int> controls;              ///< table index per entry of experiment.bench.controls
   std::vector<int> switched_off_at_rest;  ///< gravity and constant loads
+  std::vector<Recording> recordings;      ///< as experiment.recordings has them
   std::map<double, int> zero_offsets;     ///< table index by the value of the control that they go with
 };
 /// `trials` says what each control's column holds (force, mass, ...), which decides what kind of load it is, and

@@ -1,5 +1,6 @@
 #pragma once
 #include <array>
+#include <limits>
 #include <map>
 #include <memory>
 #include <optional>
@@ -8,9 +9,12 @@
 
 #include "calib/fit.hpp"
 #include "calib/trials.hpp"
+#include "sim/mesh/finger.hpp"
 #include "sim/mesh/gmsh.hpp"
 #include "sim/mesh/push_puppet.hpp"
+#include "sim/solve/time_stepper.hpp"
 #include "sim/terms/contact.hpp"
+#include "sim/terms/inertia.hpp"
 #include "sim/terms/solid.hpp"
 
 namespace taut {
@@ -27,12 +31,14 @@ struct MeshSettings {
 };
 
 struct GeometrySettings {
-  std::string kind;                  ///< box, rectangle, boxes, polygons, push_puppet, msh
+  std::string kind;                  ///< box, rectangle, boxes, polygons, disc, push_puppet, finger, msh
   std::vector<double> size, origin;  ///< box and rectangle [m]
   std::string region;
+  double radius = 0;  ///< disc [m]
   std::vector<PolygonRegion> polygons;
   std::vector<BoxRegion> boxes;
   PushPuppet puppet;
+  Finger finger;
   std::string file;      ///< msh
   double unit = 1;       ///< msh: metres per unit of the file
   double thickness = 1;  ///< 2D [m]
@@ -127,6 +133,34 @@ struct ReferenceValue {
   std::string source;
 };
 
+/// One [[bench.recording]]: a file with a motion, and how that came about.
+struct RecordingSettings {
+  std::string id;  ///< "load52_a": case and trial
+  std::string path, case_id, trial;
+  std::map<std::string, double> loads;  ///< load id to its value in this recording, SI
+  std::map<std::string, double> held;   ///< loads that act until the release only
+  double release = 0;                   ///< [s] on the recording's clock
+  double from = -std::numeric_limits<double>::infinity(), until = std::numeric_limits<double>::infinity();  ///< [s]
+  int every = 1;
+  double sigma = 0;  ///< [m]; 0: the channels' noise
+};
+
+/// [bench] with kind = "recordings".
+struct RecordingsSettings {
+  std::string time_column;
+  bool from_mean_before = false;      ///< displacements are measured from the mean before time zero
+  std::vector<std::string> per_case;  ///< parameters that each case has for itself
+  std::vector<RecordingSettings> recordings;
+};
+
+/// [dynamics] and [damping.REGION].
+struct DynamicsSettings {
+  Integrator integrator = Integrator::bdf2;
+  double step = 0;  ///< [s]
+  MassForm mass = MassForm::consistent;
+  std::map<std::string, double> mass_damping, stiffness_damping;  ///< region to alpha [1/s], beta [s]
+};
+
 /// One experiment as its TOML file describes it, checked key by key; SI units inside.
 struct Experiment {
   std::string path;  ///< of the TOML file
@@ -143,6 +177,8 @@ struct Experiment {
   CablesSettings cables;
   SurfaceSettings contact;
   BenchFormat bench;
+  std::optional<RecordingsSettings> recordings;  ///< instead of a bench file of readings at rest
+  DynamicsSettings dynamics;                     ///< of recordings
   std::string zero_offset_per;  ///< control id: the readings at each of its values share a zero error; "": none
   bool from_unloaded = false;
   bool all_profiles = false;  ///< profile likelihood for every free parameter, not only where the parabola fails

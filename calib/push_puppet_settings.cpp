@@ -7,6 +7,26 @@
 #include "sim/core/error.hpp"
 
 namespace taut {
+namespace {
+
+template <class Members, class Shape>
+void read_members(TableReader& table, const Members& members, Quantity quantity, Shape& shape) {
+  for (const auto& [key, member] : members)
+    shape.*member = table.optional_quantity(key, quantity).value_or(shape.*member);
+}
+
+/// `shape` when its numbers fit together.
+template <class Shape>
+Shape checked(const TableReader& table, const Shape& shape) {
+  try {
+    check(shape);
+  } catch (const InputError& error) {
+    table.fail("", error.what());
+  }
+  return shape;
+}
+
+}  // namespace
 
 PushPuppet read_push_puppet(TableReader& table) {
   PushPuppet module;
@@ -18,17 +38,30 @@ PushPuppet read_push_puppet(TableReader& table) {
       {"lip_relief", &PushPuppet::lip_relief},       {"gap_total", &PushPuppet::gap_total},
       {"cable_offset", &PushPuppet::cable_offset},   {"via_inset", &PushPuppet::via_inset},
       {"stud_length", &PushPuppet::stud_length},     {"stud_thickness", &PushPuppet::stud_thickness},
-      {"stud_play", &PushPuppet::stud_play},
+      {"stud_play", &PushPuppet::stud_play},         {"base_bracket", &PushPuppet::base_bracket},
+      {"tip_bracket", &PushPuppet::tip_bracket},     {"bracket_height", &PushPuppet::bracket_height},
   };
-  for (const auto& [key, member] : lengths) {
-    module.*member = table.optional_quantity(key, Quantity::length).value_or(module.*member);
-  }
-  try {
-    check(module);
-  } catch (const InputError& error) {
-    table.fail("", error.what());
-  }
-  return module;
+  read_members(table, lengths, Quantity::length, module);
+  return checked(table, module);
+}
+
+Finger read_finger(TableReader& table) {
+  Finger finger;
+  finger.segments = table.integer("segments", finger.segments, 2);
+  const std::pair<std::string_view, double Finger::*> lengths[] = {
+      {"segment_length", &Finger::segment_length},
+      {"height", &Finger::height},
+      {"hinge", &Finger::hinge},
+      {"foam_height", &Finger::foam_height},
+      {"lip_height", &Finger::lip_height},
+      {"cable_depth", &Finger::cable_depth},
+      {"via_inset", &Finger::via_inset},
+  };
+  const std::pair<std::string_view, double Finger::*> angles[] = {
+      {"opening", &Finger::opening}, {"closing", &Finger::closing}, {"rest_turn", &Finger::rest_turn}};
+  read_members(table, lengths, Quantity::length, finger);
+  read_members(table, angles, Quantity::angle, finger);
+  return checked(table, finger);
 }
 
 }  // namespace taut

@@ -1,4 +1,5 @@
 #pragma once
+#include "sim/mesh/finger.hpp"
 #include "sim/mesh/push_puppet.hpp"
 
 namespace taut {
@@ -9,5 +10,7 @@ class TableReader;
 /// what is left out is the reference module's. Throws InputError with file and line when a key's value is wrong or when
 /// the numbers clash.
 PushPuppet read_push_puppet(TableReader& table);
+/// The same for kind = "finger".
+Finger read_finger(TableReader& table);
 
 }  // namespace taut

@@ -60,6 +60,9 @@ constexpr Unit kUnits[] = {
     {Quantity::time, "s", 1.0},
     {Quantity::time, "ms", 1e-3},
     {Quantity::time, "min", 60.0},
+    {Quantity::frequency, "1/s", 1.0},
+    {Quantity::speed, "m/s", 1.0},
+    {Quantity::speed, "mm/s", 1e-3},
     {Quantity::angle, "rad", 1.0},
     {Quantity::angle, "deg", std::numbers::pi / 180},
     {Quantity::stiffness, "N/m", 1.0},
@@ -183,6 +186,10 @@ std::string_view name_of(Quantity quantity) {
       return "acceleration";
     case Quantity::time:
       return "time";
+    case Quantity::frequency:
+      return "rate";
+    case Quantity::speed:
+      return "speed";
     case Quantity::angle:
       return "angle";
     case Quantity::stiffness:

@@ -16,6 +16,8 @@ enum class Quantity {
   density,
   acceleration,
   time,
+  frequency,  ///< [1/s], of decays; not of cycles
+  speed,
   angle,
   stiffness,
   rotation_stiffness,

@@ -8,7 +8,9 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
+#include "calib/recordings.hpp"
 #include "calib/uniaxial.hpp"
+#include "experiments/recording_commands.hpp"
 #include "experiments/session.hpp"
 #include "experiments/uniaxial_commands.hpp"
 #include "reports/diagnostic.hpp"
@@ -306,6 +308,7 @@ void print_check(const RunRecord& record, const ParameterTable& table, const std
 
 int check_command(const CommandOptions& options) {
   if (is_uniaxial(options.target)) return check_uniaxial(options);
+  if (has_recordings(options.target)) return check_recordings(options);
   const Session session = open_session(options);
   const StaticProtocol& protocol = *session.bench.protocol;
   RunRecord record = start_record(session, options);
@@ -329,6 +332,7 @@ int draw_command(const CommandOptions& options) {
 }
 
 int replay_command(const CommandOptions& options) {
+  if (has_recordings(options.target)) return replay_recordings(options);
   const Session session = open_session(options);
   Progress progress(options.quiet);
   StaticProtocol& protocol = *session.bench.protocol;
@@ -390,6 +394,7 @@ int replay_command(const CommandOptions& options) {
 
 int fit_command(const CommandOptions& options) {
   if (is_uniaxial(options.target)) return fit_uniaxial(options);
+  if (has_recordings(options.target)) return fit_recordings(options);
   const Stopwatch watch;
   Session session = open_session(options);
   Progress progress(options.quiet);
@@ -474,6 +479,11 @@ int predict_command(const CommandOptions& options) {
     throw InputError(fmt::format("{}: its fit has no result to predict from ({}: {}); run the fit again",
                                  options.target, name_of(record.fit.status), record.fit.message));
   }
+  if (record.over_time)
+    throw InputError(
+        fmt::format("{}: is a fit of recordings, which have no table of loads to predict at; use `taut "
+                    "replay` on the experiment with --set",
+                    options.target));
   Experiment experiment = experiment_of_run(record, options.target);
   experiment.equilibrium.stop = options.stop;
   experiment.threads = options.threads;

@@ -7,6 +7,7 @@
 #include <iostream>
 
 #include "experiments/commands.hpp"
+#include "experiments/simulate_command.hpp"
 #include "experiments/version.hpp"
 #include "sim/core/error.hpp"
 #include "sim/solve/cholesky.hpp"
@@ -44,6 +45,9 @@ const std::vector<Command>& commands() {
        "  taut fit experiments/silicone_block/experiment.toml\n"
        "  taut fit experiments/silicone_block/experiment.toml --no-variants --json --out runs/quick\n",
        taut::fit_command, true, true},
+      {"simulate", "SIMULATION",
+       "Runs a simulation over time or through equilibria: states, plots, animation and report.",
+       "  taut simulate experiments/ball_impact/experiment.toml\n", taut::simulate_command, true, false},
       {"predict", "RUN_FOLDER", "Predicts at new loads with the parameters of a run, with 95 % bands.",
        "  taut predict runs/silicone_block --rows new.csv        # new.csv: the load columns of the bench, one row per "
        "prediction\n",

@@ -74,11 +74,14 @@ void Progress::show(const std::string& line) {
   shown_ = true;
 }
 
-std::string run_folder(const CommandOptions& options) {
-  if (!options.out.empty()) return options.out;
-  const fs::path file = fs::absolute(options.target);
+std::string experiment_name(const std::string& path) {
+  const fs::path file = fs::absolute(path);
   const std::string stem = file.stem().string();
-  return (fs::path("runs") / (stem == "experiment" ? file.parent_path().filename().string() : stem)).string();
+  return stem == "experiment" ? file.parent_path().filename().string() : stem;
+}
+
+std::string run_folder(const CommandOptions& options) {
+  return options.out.empty() ? (fs::path("runs") / experiment_name(options.target)).string() : options.out;
 }
 
 std::vector<std::pair<std::string, std::string>> describe_setup(const Session& session) {

@@ -28,7 +28,9 @@ class Progress {
   bool quiet_, terminal_, shown_ = false;
 };
 
-/// runs/<folder of the experiment file>, or what --out says.
+/// Name of the folder of an experiment.toml, or of another file without its extension.
+std::string experiment_name(const std::string& path);
+/// runs/<name of the experiment>, or what --out says.
 std::string run_folder(const CommandOptions& options);
 
 /// Mesh, unknowns, materials, supports, loads, channels as label and text, for `check` and the report.

@@ -33,8 +33,9 @@ Figure finished(Drawing drawing, const std::string& folder) {
 
 std::vector<Figure> draw_figures(const RunRecord& record, const std::string& folder) {
   std::vector<Figure> drawn;
-  for (const auto& figure : {plot::force_displacement, plot::effective_stiffness, plot::residuals, plot::stress_strain,
-                             plot::deformed_shapes, plot::profiles, plot::diagnostic, plot::variants}) {
+  for (const auto& figure :
+       {plot::force_displacement, plot::effective_stiffness, plot::residuals, plot::stress_strain, plot::recordings,
+        plot::swings, plot::deformed_shapes, plot::profiles, plot::diagnostic, plot::variants}) {
     std::optional<plot::Drawing> drawing = figure(record);
     if (!drawing) continue;
     drawn.push_back(plot::finished(std::move(*drawing), folder));

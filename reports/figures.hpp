@@ -34,6 +34,10 @@ std::optional<Drawing> shape_panels(const RunRecord& record);
 std::optional<Drawing> variants(const RunRecord& record);
 /// Rise of chi squared over the value of each parameter whose profile likelihood was searched; open ends are arrows.
 std::optional<Drawing> profiles(const RunRecord& record);
+/// Measured and simulated motion of each recording over time, with residuals below.
+std::optional<Drawing> recordings(const RunRecord& record);
+/// Frequency and decay of each recording, measured and simulated.
+std::optional<Drawing> swings(const RunRecord& record);
 /// Values of a parameter fitted to each part of the readings alone, beside the whole fit.
 std::optional<Drawing> diagnostic(const RunRecord& record);
 

@@ -407,7 +407,7 @@ std::optional<Drawing> effective_stiffness(const RunRecord& record) {
 }
 
 std::optional<Drawing> residuals(const RunRecord& record) {
-  if (record.readings.empty() || record.material_point) return std::nullopt;
+  if (record.readings.empty() || record.material_point || record.over_time) return std::nullopt;
   const Groups groups = groups_of(record);
   const bool loads_known = has_loads(record);
   std::vector<LegendEntry> legend = legend_of(groups, {{LegendEntry::bar_along_y, "± 1 σ of a reading"}});

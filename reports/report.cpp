@@ -254,6 +254,11 @@ std::string goodness_of_fit(const RunRecord& record) {
                                 "{} ones.",
                                 std::sqrt(scatter), scatter > 2 ? "larger" : "smaller"));
     }
+  } else if (record.over_time) {
+    out += paragraph(
+        "Samples of one motion miss the curve together: their residuals are not independent, so the intervals above "
+        "are "
+        "too narrow, and the differences between repeats say more about what is known.");
   } else {
     out += paragraph("There are no repeats to tell noise from a wrong model; measure some conditions twice or more.");
   }
@@ -274,6 +279,25 @@ std::string goodness_of_fit(const RunRecord& record) {
                               far.channel, (odd.measured - odd.predicted) / odd.sigma, odd.line, odd.channel));
   }
   return out;
+}
+
+std::string swing_section(const RunRecord& record, const std::vector<Figure>& figures) {
+  if (record.swings.empty()) return "";
+  std::vector<std::vector<std::string>> rows;
+  for (const SwingRecord& s : record.swings) {
+    rows.push_back({s.recording, s.channel, fmt::format("{:.3f}", s.frequency),
+                    fmt::format("{:.3f}", s.predicted_frequency), percent(s.predicted_frequency / s.frequency - 1),
+                    fmt::format("{:.3f}", s.decay), fmt::format("{:.3f}", s.predicted_decay),
+                    percent(s.predicted_decay / s.decay - 1)});
+  }
+  return "<h2>Frequency and decay</h2>\n" +
+         table({"Recording", "Channel", "#Frequency [Hz]", "#Simulated [Hz]", "#Differs by", "#Decay [1/s]",
+                "#Simulated [1/s]", "#Differs by"},
+               rows) +
+         paragraph(
+             "Both by the same least-squares fit of offset, drift and one decaying oscillation to the samples and "
+             "to the simulation at their times.") +
+         figure_html(figures, "swings");
 }
 
 std::string mesh_section(const RunRecord& record, const std::vector<Figure>& figures) {
@@ -474,6 +498,8 @@ std::string report_html(const RunRecord& record, const std::vector<Figure>& figu
   out += summary(record);
   out += figure_html(figures, "force_displacement");
   out += figure_html(figures, "stress_strain");
+  out += figure_html(figures, "recordings");
+  out += swing_section(record, figures);
   out += parameter_section(record);
   out += figure_html(figures, "profiles");
   out += goodness_of_fit(record);

@@ -141,7 +141,7 @@ Json readings_json(const RunRecord& record) {
 
 /// What curves run over.
 const char* load_key(const RunRecord& record) {
-  return record.material_point ? "strain" : "load_N";
+  return record.material_point ? "strain" : record.over_time ? "time_s" : "load_N";
 }
 
 Json curves_json(const RunRecord& record) {
@@ -489,7 +489,9 @@ RunRecord read_record(const Entry& root) {
   const std::string data = root.at("data").text();
   if (data != "measured" && data != "simulated") root.at("data").wrong("\"measured\" or \"simulated\"");
   record.simulated = data == "simulated";
-  record.material_point = root.has("kind") && root.at("kind").text() == "material point";
+  const std::string kind = root.has("kind") ? root.at("kind").text() : "specimen";
+  record.material_point = kind == "material point";
+  record.over_time = kind == "recordings";
   record.experiment_file = root.at("experiment_file").text();
   record.data_file = root.at("data_file").text();
   for (const auto& [id, unit] : root.at("controls").pairs("id", "unit")) {
@@ -514,6 +516,14 @@ RunRecord read_record(const Entry& root) {
     record.diagnostics.push_back({entry.at("parameter").text(), entry.at("part").text(), entry.at("value").number(),
                                   entry.at("standard_error").number(), entry.at("chi_squared").number(),
                                   entry.at("readings").integer()});
+  }
+  if (root.has("swings")) {
+    for (const Entry& entry : root.at("swings").list()) {
+      record.swings.push_back({entry.at("recording").text(), entry.at("channel").text(),
+                               entry.at("frequency_Hz").number(), entry.at("decay_per_s").number(),
+                               entry.at("predicted_frequency_Hz").number(),
+                               entry.at("predicted_decay_per_s").number()});
+    }
   }
   for (const Entry& entry : root.at("references").list()) {
     record.references.push_back({entry.at("parameter").text(), entry.at("value").number(), entry.at("source").text()});
@@ -547,6 +557,15 @@ std::string to_json(const RunRecord& record) {
                            {"chi_squared", number(diagnostic.chi_squared)},
                            {"readings", diagnostic.readings}});
   }
+  Json swings = Json::array();
+  for (const SwingRecord& swing : record.swings) {
+    swings.push_back({{"recording", swing.recording},
+                      {"channel", swing.channel},
+                      {"frequency_Hz", number(swing.frequency)},
+                      {"decay_per_s", number(swing.decay)},
+                      {"predicted_frequency_Hz", number(swing.predicted_frequency)},
+                      {"predicted_decay_per_s", number(swing.predicted_decay)}});
+  }
   Json references = Json::array();
   for (const ReferenceRecord& r : record.references) {
     references.push_back(Json{{"parameter", r.parameter}, {"value", number(r.value)}, {"source", r.source}});
@@ -557,7 +576,9 @@ std::string to_json(const RunRecord& record) {
   const Json json = {{"schema", kSchema},
                      {"title", record.title},
                      {"data", record.simulated ? "simulated" : "measured"},
-                     {"kind", record.material_point ? "material point" : "specimen"},
+                     {"kind", record.material_point ? "material point"
+                              : record.over_time    ? "recordings"
+                                                    : "specimen"},
                      {"status", name_of(record.fit.status)},
                      {"message", record.fit.message},
                      {"parameters", parameters},
@@ -574,6 +595,7 @@ std::string to_json(const RunRecord& record) {
                      {"main", variant_json(record.main)},
                      {"variants", variants},
                      {"diagnostics", diagnostics},
+                     {"swings", swings},
                      {"references", references},
                      {"setup", pairs(record.setup, "name", "value")},
                      {"remarks", record.remarks},

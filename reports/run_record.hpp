@@ -71,6 +71,14 @@ struct DiagnosticRecord {
   int readings = 0;
 };
 
+/// Frequency and decay of one channel of one recording, by ring_down() of the readings and of the predictions at their
+/// times.
+struct SwingRecord {
+  std::string recording, channel;
+  double frequency = 0, decay = 0;                      ///< measured [Hz], [1/s]
+  double predicted_frequency = 0, predicted_decay = 0;  ///< [Hz], [1/s]
+};
+
 struct ReferenceRecord {
   std::string parameter;
   double value = 0;
@@ -84,6 +92,7 @@ struct RunRecord {
   bool simulated = false;       ///< the readings were simulated, not measured
   bool material_point = false;  ///< readings are nominal stresses [Pa] over control 0, a strain; curves too, and
                                 ///< variants are other laws or fewer readings
+  bool over_time = false;       ///< readings are of recordings (`series`) over control 0, the time [s]; curves too
   std::string experiment_file;  ///< its copy in the run folder
   std::string data_file;        ///< its copy in the run folder
   std::vector<std::pair<std::string, std::string>> setup;  ///< "mesh", "quadratic ..." lines for the report
@@ -102,6 +111,7 @@ struct RunRecord {
   VariantRecord main;         ///< the fit itself, as a row of the table of variants
   std::vector<VariantRecord> variants;
   std::vector<DiagnosticRecord> diagnostics;
+  std::vector<SwingRecord> swings;
   std::vector<ReferenceRecord> references;
   std::vector<std::string> remarks;  ///< what a reader must know: data recognised, folded elements, failures
   double replay_seconds = 0;         ///< one cold replay of all rows

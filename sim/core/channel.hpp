@@ -34,4 +34,9 @@ std::unique_ptr<Channel> make_marker_channel(const Mesh& mesh, const MaterialPoi
                                              const Eigen::VectorXd& standoff, const Tag& patch,
                                              const Eigen::VectorXd& direction);
 
+/// Rotation of a patch from rest [rad], that of the polar decomposition above: in 2D its angle, counter-clockwise; in
+/// 3D its component about `axis` (normalised here), atan2(axis . w, tr R - 1) with w the axial vector of R - R^T, which
+/// is the angle itself when the patch turns about that axis. Within pi of rest. Throws as above.
+std::unique_ptr<Channel> make_rotation_channel(const Mesh& mesh, const Tag& patch, const Eigen::VectorXd& axis);
+
 }  // namespace taut

@@ -90,13 +90,14 @@ void Model::build_pattern() {
   }
 }
 
-void Model::evaluate(const Point& at, Assembly& out) const {
+void Model::evaluate(const Point& at, Assembly& out, bool inertia_only) const {
   out.energy = out.magnitude = 0;
   if (out.gradient != nullptr) out.gradient->setZero(unknowns());
   if (out.hessian != nullptr) std::fill_n(out.hessian, pattern_.entries() + 1, 0.0);
   if (out.couplings != nullptr) out.couplings->clear();
   if (out.product != nullptr) out.product->setZero(unknowns());
   for (size_t k = 0; k < terms_.size(); ++k) {
+    if (inertia_only && !terms_[k]->is_inertia()) continue;
     out.use_slots(slots_[k].slots.data(), slots_[k].offsets.data());
     terms_[k]->assemble(at, out);
     if (!std::isfinite(out.energy)) return;
@@ -115,6 +116,12 @@ Eigen::VectorXd Model::parameter_gradient(const Point& at, int index) const {
     if (term->depends_on(index)) term->add_parameter_gradient(at, index, gradient);
   }
   return gradient;
+}
+
+Eigen::VectorXd Model::history_product(const Point& at, History q, const Eigen::VectorXd& x, bool transposed) const {
+  Eigen::VectorXd product = Eigen::VectorXd::Zero(unknowns());
+  for (const auto& term : terms_) term->add_history_product(at, q, x, transposed, product);
+  return product;
 }
 
 Eigen::VectorXd Model::hessian_times(const Point& at, const Eigen::VectorXd& direction) const {

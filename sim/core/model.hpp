@@ -48,11 +48,16 @@ class Model {
   int free_index(int unknown) const { return free_index_[static_cast<size_t>(unknown)]; }
 
   /// Energy, and the derivatives that `out` asks for (cleared first).
-  void evaluate(const Point& at, Assembly& out) const;
+  void evaluate(const Point& at, Assembly& out) const { evaluate(at, out, false); }
   /// Largest fraction in [0, 1] of the straight way from at.u to at.u + step on which nothing passes through anything.
   double step_limit(const Point& at, const Eigen::VectorXd& step) const;
   /// d2Pi/du dp_index on all unknowns [N per unit].
   Eigen::VectorXd parameter_gradient(const Point& at, int index) const;
+  /// Mixed derivative of the gradient with respect to a state of the past times x, or its transpose times x.
+  Eigen::VectorXd history_product(const Point& at, History q, const Eigen::VectorXd& x, bool transposed) const;
+  /// Inertia alone: evaluate() over the terms that say so. With step->inertia = 1, damping zero and step->reference =
+  /// u - v its energy is the kinetic energy of v and its Hessian the mass matrix [kg].
+  void evaluate_inertia(const Point& at, Assembly& out) const { evaluate(at, out, true); }
   /// Hessian at `at` times `direction`, all unknowns, exact curvature.
   Eigen::VectorXd hessian_times(const Point& at, const Eigen::VectorXd& direction) const;
 
@@ -72,6 +77,7 @@ class Model {
     std::vector<size_t> offsets;
   };
   void build_pattern();
+  void evaluate(const Point& at, Assembly& out, bool inertia_only) const;
 
   Mesh mesh_;
   ParameterTable parameters_;

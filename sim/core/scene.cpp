@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <Eigen/QR>
+#include <algorithm>
 #include <functional>
 
 #include "sim/core/error.hpp"
@@ -32,6 +33,21 @@ std::vector<int> parts_of(const Mesh& mesh, const std::function<bool(int)>& chos
     if (part[static_cast<size_t>(node)] >= 0) part[static_cast<size_t>(node)] = root(node);
   }
   return part;
+}
+
+/// Contact that would push before anything moves is refused.
+template <class AnyContact>
+void check_rest(const AnyContact& contact, Eigen::Index unknowns, double gap) {
+  const Eigen::VectorXd rest = Eigen::VectorXd::Zero(unknowns);
+  if (contact.intersects(rest))
+    throw InputError("bodies, obstacles or grounds cross each other at rest; move the obstacle or the ground away");
+  const double smallest = contact.smallest_distance(rest, 2 * gap);
+  if (!(smallest > gap)) {
+    throw InputError(fmt::format(
+        "the contact gap of {:.4g} mm is larger than the smallest distance at rest, {:.4g} mm: bodies would push each "
+        "other before anything moves; choose a gap below half that distance",
+        gap * 1e3, smallest * 1e3));
+  }
 }
 
 }  // namespace
@@ -178,26 +194,127 @@ void SceneBuilder::add_line_load(const std::string& tag, const Eigen::VectorXd& 
 void SceneBuilder::add_weight(const std::string& region, double density, const Eigen::VectorXd& direction,
                               int gravity) {
   check_direction(direction);
-  const int rho = declare({"density_" + region, "rho", "kg/m3", 1e-3, 1e5, "density of " + region}, density);
-  std::vector<int> factors{rho, gravity};
+  std::vector<int> factors{density_of(region, density), gravity};
   if (thickness_ >= 0) factors.push_back(thickness_);
   terms_.push_back(make_load(body_weights(mesh_, mesh_.region_index(region), direction), factors));
+}
+
+int SceneBuilder::density_of(const std::string& region, double density) {
+  const std::string id = "density_" + region;
+  if (!parameters_.contains(id)) return declare({id, "rho", "kg/m3", 1e-3, 1e5, "density of " + region}, density);
+  const int index = parameters_.index(id);
+  if (values_[static_cast<size_t>(index)] != density)
+    throw InputError(fmt::format("region '{}' has two densities, {:.6g} and {:.6g} kg/m3; give it one", region,
+                                 values_[static_cast<size_t>(index)], density));
+  return index;
+}
+
+void SceneBuilder::add_inertia(const std::string& region, double density, MassForm form, int mass_damping) {
+  terms_.push_back(
+      make_inertia(mesh_, {mesh_.region_index(region), density_of(region, density), thickness_, mass_damping, form}));
+}
+
+void SceneBuilder::add_viscosity(const std::string& region, int stiffness_damping) {
+  if (!parameters_.contains("E_" + region) || !parameters_.contains("nu_" + region))
+    throw InputError(fmt::format("viscosity of region '{}' needs its material's E and nu; give it a material", region));
+  ViscosityDefinition definition;
+  definition.region = mesh_.region_index(region);
+  definition.youngs_modulus = parameters_.index("E_" + region);
+  definition.poisson_ratio = parameters_.index("nu_" + region);
+  definition.damping = stiffness_damping;
+  definition.thickness = thickness_;
+  definition.plane_stress = mesh_.dimension() == 2 && plane_ == Plane::stress;
+  terms_.push_back(make_viscosity(mesh_, definition));
+}
+
+void SceneBuilder::add_point_mass(const std::string& tag, int mass) {
+  terms_.push_back(make_point_mass(mesh_, mesh_.select(tag), mass));
 }
 
 void SceneBuilder::add_cable(const Cable& cable) {
   terms_.push_back(make_cable(mesh_, cable));
 }
 
-void SceneBuilder::add_contact(double gap, const std::map<std::string, double>& pressures,
-                               const std::vector<std::vector<Eigen::Vector2d>>& obstacles,
-                               const std::vector<GroundLine>& grounds, ContactForm form) {
-  if (mesh_.dimension() != 2) throw InputError("contact is for 2D models; leave it out in 3D");
+Joint SceneBuilder::add_joint(const JointSettings& settings) {
+  const std::string where = fmt::format("joint '{}'", settings.name);
+  const auto part_called = [&](const std::string& name) {
+    return name.empty() && mesh_.parts.empty() ? Part{"", 0, mesh_.node_count(), 0, mesh_.element_count()}
+                                               : mesh_.part(name);
+  };
+  double stiffest = 0;
+  const auto attach = [&](const std::string& name, const Eigen::VectorXd& point) {
+    if (point.size() == 0) return Attachment();
+    if (name == "world") return world_attachment(point);
+    try {
+      const Part part = part_called(name);
+      for (int e = part.first_element; e < part.first_element + part.element_count; ++e) {
+        const int index = modulus_[static_cast<size_t>(mesh_.region[static_cast<size_t>(e)])];
+        if (index >= 0) stiffest = std::max(stiffest, values_[static_cast<size_t>(index)]);
+      }
+      return make_attachment(mesh_, part, point, settings.radius);
+    } catch (const InputError& error) {
+      throw InputError(fmt::format("{}: {}", where, error.what()));
+    }
+  };
+  if (mesh_.dimension() == 3 && settings.axis_end.size() != 3)
+    throw InputError(fmt::format("{} has no axis; give it a second point of the axis", where));
+  Joint joint;
+  joint.name = settings.name;
+  joint.pivot_a = attach(settings.part_a, settings.pivot);
+  joint.pivot_b = attach(settings.part_b, settings.pivot);
+  joint.axis_a = attach(settings.part_a, settings.axis_end);
+  joint.axis_b = attach(settings.part_b, settings.axis_end);
+  joint.motor_a = attach(settings.part_a, settings.motor);
+  joint.motor_b = attach(settings.part_b, settings.motor);
+  double stiffness = settings.stiffness;
+  if (stiffness == 0) {
+    if (stiffest == 0)
+      throw InputError(
+          fmt::format("{} takes its stiffness from its bodies, and they have no modulus; add their "
+                      "materials first or give it a stiffness",
+                      where));
+    stiffness =
+        10 * stiffest *
+        (thickness_ >= 0 ? values_[static_cast<size_t>(thickness_)] : (settings.axis_end - settings.pivot).norm());
+  }
+  joint.pin_stiffness = joint.motor_stiffness = declare(
+      {"k_" + settings.name, "k", "N/m", 1e-9, 1e15, "spring stiffness of joint " + settings.name, true}, stiffness);
+  if (settings.motor.size() > 0) {
+    joint.angle = settings.angle >= 0
+                      ? settings.angle
+                      : declare({settings.name, "theta", "rad", -1e4, 1e4, "angle of joint " + settings.name}, 0.0);
+  }
+  terms_.push_back(make_joint(mesh_, joint));
+  joints_.push_back(joint);
+  if (settings.part_a != "world" && !mesh_.parts.empty()) {
+    const auto place = [&](const std::string& name) {
+      return static_cast<int>(&mesh_.part(name) - mesh_.parts.data());
+    };
+    joined_.push_back({place(settings.part_a), place(settings.part_b)});
+  }
+  return joint;
+}
+
+/// Per node the part it is of, by its place in the mesh's list.
+std::vector<int> SceneBuilder::part_of_nodes() const {
+  std::vector<int> part(static_cast<size_t>(mesh_.node_count()), 0);
+  for (size_t k = 0; k < mesh_.parts.size(); ++k)
+    std::fill_n(part.begin() + mesh_.parts[k].first_node, mesh_.parts[k].node_count, static_cast<int>(k));
+  return part;
+}
+
+const Contact& SceneBuilder::add_contact(double gap, const std::map<std::string, double>& pressures,
+                                         const std::vector<std::vector<Eigen::Vector2d>>& obstacles,
+                                         const std::vector<GroundLine>& grounds, ContactForm form) {
+  if (mesh_.dimension() != 2) throw InputError("contact with lines is for 2D models; use the one of 3D models");
   check_materials();
   ContactSettings settings;
   settings.form = form;
   settings.obstacles = obstacles;
   settings.grounds = grounds;
   settings.thickness = thickness_;
+  settings.part = part_of_nodes();
+  settings.apart = joined_;
   settings.gap = declare({"contact_gap", "dhat", "m", 1e-9, 1, "distance at which the contact barrier sets in"}, gap);
   std::vector<int> stiffness;
   for (const std::string& region : mesh_.region_names) {
@@ -217,35 +334,83 @@ void SceneBuilder::add_contact(double gap, const std::map<std::string, double>& 
   for (const std::array<int, 2>& edge : settings.edges)
     settings.stiffness.push_back(stiffness[static_cast<size_t>(region_of.at(edge))]);
   auto contact = std::make_unique<Contact>(mesh_, settings);
-  const Eigen::VectorXd rest = Eigen::VectorXd::Zero(mesh_.X.size());
-  if (contact->intersects(rest))
-    throw InputError("bodies, obstacles or grounds cross each other at rest; move the obstacle or the ground away");
-  const double smallest = contact->smallest_distance(rest, 2 * gap);
-  if (!(smallest > gap)) {
-    throw InputError(fmt::format(
-        "the contact gap of {:.4g} mm is larger than the smallest distance at rest, {:.4g} mm: bodies would push each "
-        "other before anything moves; choose a gap below half that distance",
-        gap * 1e3, smallest * 1e3));
-  }
+  check_rest(*contact, mesh_.X.size(), gap);
+  const Contact& added = *contact;
   terms_.push_back(std::move(contact));
+  return added;
+}
+
+const Contact3d& SceneBuilder::add_contact_3d(double gap, const std::map<std::string, double>& pressures,
+                                              const std::vector<GroundPlane>& grounds) {
+  if (mesh_.dimension() != 3) throw InputError("contact with planes is for 3D models; use the one of 2D models");
+  check_materials();
+  Contact3dSettings settings;
+  settings.grounds = grounds;
+  settings.part = part_of_nodes();
+  settings.apart = joined_;
+  settings.gap = declare({"contact_gap", "dhat", "m", 1e-9, 1, "distance at which the contact barrier sets in"}, gap);
+  std::vector<int> stiffness;
+  for (const std::string& region : mesh_.region_names) {
+    stiffness.push_back(
+        declare({"contact_pressure_" + region, "kappa", "Pa", 1e-9, 1e15, "barrier stiffness of " + region, true},
+                pressures.at(region)));
+  }
+  std::vector<std::vector<int>> elements_at(static_cast<size_t>(mesh_.node_count()));
+  for (int e = 0; e < mesh_.element_count(); ++e) {
+    for (int a = 0; a < mesh_.nodes_per_element(); ++a)
+      elements_at[static_cast<size_t>(mesh_.element(e)[a])].push_back(e);
+  }
+  settings.triangles = contact_triangles(mesh_);
+  for (const std::array<int, 3>& triangle : settings.triangles) {
+    // The three nodes of a boundary triangle are together in one element only.
+    for (int e : elements_at[static_cast<size_t>(triangle[0])]) {
+      const int *first = mesh_.element(e), *last = first + mesh_.nodes_per_element();
+      if (std::find(first, last, triangle[1]) == last || std::find(first, last, triangle[2]) == last) continue;
+      settings.stiffness.push_back(stiffness[static_cast<size_t>(mesh_.region[static_cast<size_t>(e)])]);
+      break;
+    }
+  }
+  auto contact = std::make_unique<Contact3d>(mesh_, settings);
+  check_rest(*contact, mesh_.X.size(), gap);
+  const Contact3d& added = *contact;
+  terms_.push_back(std::move(contact));
+  return added;
 }
 
 /// The supports must fix all translations and rotations of every connected part, or the Hessian at rest is singular.
+/// What joints connect is one part here, and a point that a joint pins to the world, or turns by its motor, is held.
 void SceneBuilder::check_rigid_motions() const {
   const int d = mesh_.dimension(), motions = d == 2 ? 3 : 6;
-  const std::vector<int> part = parts_of(mesh_, [](int) { return true; });
+  std::vector<int> part = parts_of(mesh_, [](int) { return true; });
   auto root = [&](int i) { return part[static_cast<size_t>(i)]; };
-  std::map<int, std::vector<int>> supported;  // part to its supported unknowns
-  for (int e = 0; e < mesh_.element_count(); ++e) supported[root(mesh_.element(e)[0])];
-  for (const auto& [dof, s] : supports_) supported[root(dof / d)].push_back(dof);
-  for (int node : clamped_) {
-    for (int i = 0; i < d; ++i) supported[root(node)].push_back(node * d + i);
+  for (const Joint& joint : joints_) {
+    if (joint.pivot_a.nodes.empty() || joint.pivot_b.nodes.empty()) continue;
+    const int one = root(joint.pivot_a.nodes.front()), two = root(joint.pivot_b.nodes.front());
+    std::replace(part.begin(), part.end(), two, one);
   }
-  for (const auto& [representative, dofs] : supported) {
-    Eigen::MatrixXd rows = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(dofs.size()), motions);
-    for (size_t k = 0; k < dofs.size(); ++k) {
-      const int component = dofs[k] % d;
-      const Eigen::VectorXd x = (mesh_.node(dofs[k] / d) - mesh_.node(representative)) / mesh_.diagonal();
+  struct Held {
+    Eigen::VectorXd point;
+    int component;
+  };
+  std::map<int, std::vector<Held>> supported;  // part to its supported components
+  for (int e = 0; e < mesh_.element_count(); ++e) supported[root(mesh_.element(e)[0])];
+  const auto hold = [&](int node, const Eigen::VectorXd& point) {
+    for (int i = 0; i < d; ++i) supported[root(node)].push_back({point, i});
+  };
+  for (const auto& [dof, s] : supports_) supported[root(dof / d)].push_back({mesh_.node(dof / d), dof % d});
+  for (int node : clamped_) hold(node, mesh_.node(node));
+  for (const Joint& joint : joints_) {
+    if (!joint.pivot_a.nodes.empty() && !joint.pivot_b.nodes.empty()) continue;
+    const int node = (joint.pivot_a.nodes.empty() ? joint.pivot_b : joint.pivot_a).nodes.front();
+    hold(node, joint.pivot_a.point);
+    if (d == 3) hold(node, joint.axis_a.point);
+    if (joint.angle >= 0) hold(node, joint.motor_a.point);
+  }
+  for (const auto& [representative, held] : supported) {
+    Eigen::MatrixXd rows = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(held.size()), motions);
+    for (size_t k = 0; k < held.size(); ++k) {
+      const int component = held[k].component;
+      const Eigen::VectorXd x = (held[k].point - mesh_.node(representative)) / mesh_.diagonal();
       auto row = rows.row(static_cast<Eigen::Index>(k));
       row[component] = 1;
       for (int axis = 0; axis < motions - d; ++axis) {  // rotations: about z in 2D, about x, y, z in 3D
@@ -256,12 +421,12 @@ void SceneBuilder::check_rigid_motions() const {
     }
     Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(rows);
     qr.setThreshold(1e-9);
-    if (dofs.empty() || qr.rank() < motions) {
+    if (held.empty() || qr.rank() < motions) {
       const Eigen::VectorXd at = mesh_.node(representative) * 1e3;
       throw InputError(
           fmt::format("the supports leave {} of {} rigid motions free (the part with the node at ({:.4g}, {:.4g}{}) "
                       "mm): fix more components",
-                      motions - (dofs.empty() ? 0 : qr.rank()), motions, at[0], at[1],
+                      motions - (held.empty() ? 0 : qr.rank()), motions, at[0], at[1],
                       d == 3 ? fmt::format(", {:.4g}", at[2]) : ""));
     }
   }
@@ -298,9 +463,9 @@ void SceneBuilder::check_materials() const {
   }
 }
 
-Scene SceneBuilder::build() {
+Scene SceneBuilder::build(bool free_bodies) {
   check_materials();
-  check_rigid_motions();
+  if (!free_bodies) check_rigid_motions();
   std::vector<Support> supports;
   for (const auto& [dof, s] : supports_) supports.push_back(s);
   Scene scene;

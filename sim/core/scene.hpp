@@ -8,6 +8,9 @@
 #include "sim/mesh/mesh.hpp"
 #include "sim/terms/cable.hpp"
 #include "sim/terms/contact.hpp"
+#include "sim/terms/contact_3d.hpp"
+#include "sim/terms/inertia.hpp"
+#include "sim/terms/joint.hpp"
 #include "sim/terms/solid.hpp"
 
 namespace taut {
@@ -16,6 +19,20 @@ namespace taut {
 struct Scene {
   std::unique_ptr<Model> model;
   Params values;
+};
+
+/// A revolute joint by name, for SceneBuilder::add_joint(). Points are in the rest configuration [m] and on both
+/// bodies.
+struct JointSettings {
+  std::string name;          ///< of the angle and, as "k_<name>", of the stiffness in the parameter table
+  std::string part_a;        ///< "world": fixed in space
+  std::string part_b;        ///< "" in a mesh that is one piece
+  Eigen::VectorXd pivot;     ///< [m]
+  Eigen::VectorXd axis_end;  ///< 3D: a second point of the axis [m]
+  Eigen::VectorXd motor;     ///< a point that turns with the motor [m]; empty: a free pin
+  double radius = 0;         ///< of the patches by which the bodies are held [m], see make_attachment()
+  int angle = -1;            ///< table index of the angle; -1: declared as "<name>" [rad], zero
+  double stiffness = 0;      ///< of each spring [N/m]; 0: from the bodies
 };
 
 /// Puts a model together by name: regions to materials, tags to supports and loads. Every number becomes a declared
@@ -56,23 +73,47 @@ class SceneBuilder {
   /// Self-weight of a region: density [kg/m^3] and the index of the acceleration [m/s^2].
   void add_weight(const std::string& region, double density, const Eigen::VectorXd& direction, int gravity);
 
+  /// Inertia of a region. Its density is declared as "density_<region>" by whichever of this and add_weight() comes
+  /// first and has to be the same in both. `mass_damping` is the table index of alpha [1/s], -1: none.
+  void add_inertia(const std::string& region, double density, MassForm form = MassForm::consistent,
+                   int mass_damping = -1);
+  /// Viscosity of a region in proportion to its stiffness at rest; `stiffness_damping` is the table index of beta [s].
+  /// Throws InputError when the region's material has no E and nu yet.
+  void add_viscosity(const std::string& region, int stiffness_damping);
+  /// Inertia of a mass p[mass] [kg] that moves with the mean of a tag.
+  void add_point_mass(const std::string& tag, int mass);
+
   /// An energy of the caller's own.
   void add_term(std::unique_ptr<Term> term) { terms_.push_back(std::move(term)); }
   /// A cable by the table indices in it.
   void add_cable(const Cable& cable);
+  /// A joint between two parts, or of one with the world, after their materials. Declares "k_<name>" [N/m] and, with a
+  /// motor and without an index for it, the angle. The stiffness that is taken from the bodies is ten times the larger
+  /// modulus times the thickness (3D: the length of the axis): a load that strains a tenth of a body's section by 1e-1
+  /// opens a gap of 1e-3 of the section. Throws InputError, naming the joint, for points that are not on both bodies.
+  Joint add_joint(const JointSettings& settings);
   /// Contact of the whole boundary with itself, and with obstacles and grounds (2D): the barrier sets in at `gap` [m]
   /// and is as stiff as `pressures` say, region by region: the pressure [Pa] at which two faces rest half a gap apart,
   /// and the smaller one of two different sides. Declares "contact_gap" and "contact_pressure_<region>". Throws
-  /// InputError when something is closer than the gap at rest already.
-  void add_contact(double gap, const std::map<std::string, double>& pressures,
-                   const std::vector<std::vector<Eigen::Vector2d>>& obstacles = {},
-                   const std::vector<GroundLine>& grounds = {}, ContactForm form = ContactForm::length_weighted);
+  /// InputError when something is closer than the gap at rest already. Parts that a joint connects (added before) do
+  /// not see each other. The term lives as long as the builder and its scene.
+  const Contact& add_contact(double gap, const std::map<std::string, double>& pressures,
+                             const std::vector<std::vector<Eigen::Vector2d>>& obstacles = {},
+                             const std::vector<GroundLine>& grounds = {},
+                             ContactForm form = ContactForm::length_weighted);
+  /// The same for a 3D mesh, with itself and with ground planes.
+  const Contact3d& add_contact_3d(double gap, const std::map<std::string, double>& pressures,
+                                  const std::vector<GroundPlane>& grounds = {});
 
-  /// The finished scene. Throws InputError when a region has no material or the supports leave a rigid motion free.
-  Scene build();
+  /// The finished scene. Parts that joints connect count as one body, and the world's joints as its supports, a free
+  /// pin for what it holds. Throws InputError when a region has no material or, unless bodies may move freely because
+  /// their inertia holds them in each time step, the supports leave a rigid motion free.
+  Scene build(bool free_bodies = false);
 
  private:
   void support(const std::string& tag, int component, int control);
+  int density_of(const std::string& region, double density);
+  std::vector<int> part_of_nodes() const;
   void check_materials() const;
   void check_rigid_motions() const;
   std::vector<Body> bodies() const;
@@ -88,6 +129,8 @@ class SceneBuilder {
   std::vector<int> modulus_;  ///< per region: table index of its Young's modulus, -1 without one
   std::map<int, Support> supports_;
   std::vector<int> clamped_;  ///< nodes of elastic clamps
+  std::vector<Joint> joints_;
+  std::vector<std::array<int, 2>> joined_;  ///< parts that a joint connects, by their places in the mesh's list
 };
 
 }  // namespace taut

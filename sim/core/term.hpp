@@ -1,6 +1,7 @@
 #pragma once
 #include <Eigen/Core>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <vector>
 
@@ -32,10 +33,29 @@ struct Coupling {
 /// sensitivities, tangent stiffness and the test for a minimum.
 enum class Curvature { exact, projected };
 
-/// Where an energy is evaluated: displacements u = x - X [m] of all nodes, stacked node by node, and all parameters.
+/// What a time step knows of the past. At its end, where u is searched,
+///
+///   du/dt = rate[0] u + rate[1] previous + rate[2] before,   and the same for the rate of any function of u,
+///   d2u/dt2 = inertia (u - reference).
+///
+/// Implicit Euler has rate = {1, -1, 0}/h, BDF2 three entries; both have inertia = rate[0]^2.
+struct TimeStep {
+  double inertia = 0;            ///< [1/s^2]
+  Eigen::VectorXd reference;     ///< [m], all unknowns
+  std::array<double, 3> rate{};  ///< [1/s]
+  Eigen::VectorXd previous;      ///< u one step ago [m]
+  Eigen::VectorXd before;        ///< u two steps ago [m]; empty: not used, rate[2] = 0
+};
+
+/// The states of the past that an energy in a time step may depend on.
+enum class History { reference, previous, before };
+
+/// Where an energy is evaluated: displacements u = x - X [m] of all nodes, stacked node by node, and all parameters;
+/// within a time step, that step. In statics there is none, and inertia and damping contribute nothing.
 struct Point {
   const Eigen::VectorXd& u;
   const Params& p;
+  const TimeStep* step = nullptr;
 };
 
 /// Collects what terms contribute: energy and, where asked for, gradient and Hessian. The Hessian goes into the values
@@ -132,6 +152,12 @@ class Term {
   virtual double step_limit(const Point&, const Eigen::VectorXd& /*step*/) const { return 1.0; }
   /// Adds the mixed derivative d2E/du dp_index [N per unit of the parameter] to `out`, all unknowns.
   virtual void add_parameter_gradient(const Point& at, int index, Eigen::VectorXd& out) const = 0;
+  /// Adds G x to `out`, or G^T x when `transposed`, with G = d2E/du dq the mixed derivative with respect to a state q
+  /// of the past; all unknowns. Nothing for energies without memory.
+  virtual void add_history_product(const Point&, History /*q*/, const Eigen::VectorXd& /*x*/, bool /*transposed*/,
+                                   Eigen::VectorXd& /*out*/) const {}
+  /// Whether this is the inertia of a time step; its Hessian over step->inertia is then the mass matrix.
+  virtual bool is_inertia() const { return false; }
 };
 
 }  // namespace taut

@@ -91,10 +91,13 @@ struct ElementGeometry {
 };
 
 template <ElementShape S>
-MaterialPoint locate_in(const Mesh& mesh, const Eigen::VectorXd& query) {
+MaterialPoint locate_in(const Mesh& mesh, const Eigen::VectorXd& query, const Part& part) {
   using Geometry = ElementGeometry<S>;
   const typename Geometry::Point point = query;
-  const auto positions = mesh.X.reshaped(Geometry::D, mesh.node_count());
+  const auto positions = mesh.X
+                             .segment(static_cast<Eigen::Index>(part.first_node) * Geometry::D,
+                                      static_cast<Eigen::Index>(part.node_count) * Geometry::D)
+                             .reshaped(Geometry::D, part.node_count);
   Eigen::Index nearest = 0;
   // The nearest node bounds the distance to the mesh, which spares almost all elements the closer look.
   double bound = std::sqrt((positions.colwise() - query).colwise().squaredNorm().minCoeff(&nearest));
@@ -102,7 +105,7 @@ MaterialPoint locate_in(const Mesh& mesh, const Eigen::VectorXd& query) {
 
   typename Geometry::Closest best;
   int element = -1;
-  for (int e = 0; e < mesh.element_count(); ++e) {
+  for (int e = part.first_element; e < part.first_element + part.element_count; ++e) {
     const Geometry geometry(mesh, e);
     if (geometry.distance_to_box(point) > bound + round_off) continue;
     const auto candidate = geometry.closest(point);
@@ -113,9 +116,10 @@ MaterialPoint locate_in(const Mesh& mesh, const Eigen::VectorXd& query) {
     if (best.distance <= round_off) break;
   }
   if (element < 0 || !(best.distance <= 1e-6 * mesh.diagonal())) {
-    throw InputError(fmt::format("point {} lies {:.4g} mm outside the mesh; the nearest node is {} at {}",
-                                 in_millimetres(query), 1e3 * best.distance, nearest,
-                                 in_millimetres(mesh.node(static_cast<int>(nearest)))));
+    const int node = part.first_node + static_cast<int>(nearest);
+    throw InputError(fmt::format(
+        "point {} lies {:.4g} mm outside {}; the nearest node is {} at {}", in_millimetres(query), 1e3 * best.distance,
+        part.name.empty() ? "the mesh" : "'" + part.name + "'", node, in_millimetres(mesh.node(node))));
   }
   MaterialPoint result;
   const auto weights = ReferenceElement<S>::values(best.xi);
@@ -130,6 +134,10 @@ MaterialPoint locate_in(const Mesh& mesh, const Eigen::VectorXd& query) {
 }  // namespace
 
 MaterialPoint locate(const Mesh& mesh, const Eigen::VectorXd& point) {
+  return locate(mesh, point, {"", 0, mesh.node_count(), 0, mesh.element_count()});
+}
+
+MaterialPoint locate(const Mesh& mesh, const Eigen::VectorXd& point, const Part& part) {
   if (point.size() != mesh.dimension() || !point.allFinite()) {
     throw InputError(fmt::format("point {} does not fit a {}D mesh; give {} finite coordinates", in_millimetres(point),
                                  mesh.dimension(), mesh.dimension()));
@@ -137,15 +145,15 @@ MaterialPoint locate(const Mesh& mesh, const Eigen::VectorXd& point) {
   if (mesh.element_count() == 0) throw InputError("a point cannot be located in a mesh without elements");
   switch (mesh.shape) {
     case ElementShape::tri3:
-      return locate_in<ElementShape::tri3>(mesh, point);
+      return locate_in<ElementShape::tri3>(mesh, point, part);
     case ElementShape::tri6:
-      return locate_in<ElementShape::tri6>(mesh, point);
+      return locate_in<ElementShape::tri6>(mesh, point, part);
     case ElementShape::tet4:
-      return locate_in<ElementShape::tet4>(mesh, point);
+      return locate_in<ElementShape::tet4>(mesh, point, part);
     case ElementShape::tet10:
       break;
   }
-  return locate_in<ElementShape::tet10>(mesh, point);
+  return locate_in<ElementShape::tet10>(mesh, point, part);
 }
 
 }  // namespace taut

@@ -212,8 +212,8 @@ Tag Mesh::select(std::string_view name) const {
   if (name.find('&') == std::string_view::npos || tags.contains(std::string(name))) return tag_called(*this, name);
   // A node is common when every named tag holds it.
   std::vector<int> hits(static_cast<size_t>(node_count()), 0);
-  int parts = 0;
-  for (std::string_view rest = name; parts == 0 || !rest.empty(); ++parts) {
+  int named = 0;
+  for (std::string_view rest = name; named == 0 || !rest.empty(); ++named) {
     const size_t end = rest.find('&');
     const std::string_view part = trimmed(rest.substr(0, end));
     if (part.empty() || (end != std::string_view::npos && trimmed(rest.substr(end + 1)).empty())) {
@@ -224,7 +224,7 @@ Tag Mesh::select(std::string_view name) const {
     rest = end == std::string_view::npos ? std::string_view{} : rest.substr(end + 1);
   }
   std::vector<bool> common(hits.size());
-  std::transform(hits.begin(), hits.end(), common.begin(), [parts](int count) { return count == parts; });
+  std::transform(hits.begin(), hits.end(), common.begin(), [named](int count) { return count == named; });
 
   const Tag facets = boundary(*this);
   Tag selected = filtered(facets, common);
@@ -244,6 +244,62 @@ int Mesh::region_index(std::string_view name) const {
                                  did_you_mean(name, region_names), join(region_names)));
   }
   return static_cast<int>(found - region_names.begin());
+}
+
+const Part& Mesh::part(std::string_view name) const {
+  for (const Part& part : parts) {
+    if (part.name == name) return part;
+  }
+  std::vector<std::string> known;
+  for (const Part& part : parts) known.push_back(part.name);
+  throw InputError(fmt::format("no part '{}' in the mesh{}; known parts: {}", name, did_you_mean(name, known),
+                               known.empty() ? "none, it is one piece" : join(known)));
+}
+
+Mesh merge(const std::vector<std::pair<std::string, Mesh>>& parts) {
+  Mesh whole;
+  if (parts.empty()) throw InputError("there is no part to put a mesh together from; give at least one");
+  whole.shape = parts.front().second.shape;
+  for (const auto& [name, mesh] : parts) {
+    if (mesh.shape != whole.shape) {
+      throw InputError(fmt::format("part '{}' has elements of another shape ({}) than '{}' ({}); use one for all", name,
+                                   name_of(mesh.shape), parts.front().first, name_of(whole.shape)));
+    }
+    for (const Part& other : whole.parts) {
+      if (other.name == name)
+        throw InputError(fmt::format("the part '{}' is there twice; name each differently", name));
+    }
+    const int first = whole.node_count();
+    whole.parts.push_back({name, first, mesh.node_count(), whole.element_count(), mesh.element_count()});
+    Eigen::VectorXd X(whole.X.size() + mesh.X.size());
+    X << whole.X, mesh.X;
+    whole.X = std::move(X);
+    for (int node : mesh.elements) whole.elements.push_back(first + node);
+    std::vector<int> region_of;
+    for (const std::string& region : mesh.region_names) {
+      const auto found = std::find(whole.region_names.begin(), whole.region_names.end(), region);
+      region_of.push_back(static_cast<int>(found - whole.region_names.begin()));
+      if (found == whole.region_names.end()) whole.region_names.push_back(region);
+    }
+    for (int region : mesh.region) whole.region.push_back(region_of[static_cast<size_t>(region)]);
+    for (auto [tag_name, tag] : mesh.tags) {
+      for (int& node : tag.entities) node += first;
+      whole.tags[name + "." + tag_name] = std::move(tag);
+    }
+  }
+  return whole;
+}
+
+void place(Mesh& mesh, double angle, const Eigen::VectorXd& shift) {
+  const int d = mesh.dimension();
+  const double c = std::cos(angle), s = std::sin(angle);
+  for (int i = 0; i < mesh.node_count(); ++i) {
+    auto x = mesh.X.segment(static_cast<Eigen::Index>(i) * d, d);
+    const double first = c * x[0] - s * x[1], second = s * x[0] + c * x[1];
+    x[0] = first;
+    x[1] = second;
+    x += shift;
+  }
 }
 
 void Mesh::check(std::string_view where) const {

@@ -34,6 +34,14 @@ struct Tag {
   std::vector<int> nodes() const;  ///< sorted, unique
 };
 
+/// A separate piece of a mesh that was put together from several: a link, a ball. Its nodes and elements stand in a
+/// row.
+struct Part {
+  std::string name;
+  int first_node = 0, node_count = 0;
+  int first_element = 0, element_count = 0;
+};
+
 /// Rest geometry: nodes X [m], simplices with one region each, and named parts of the boundary.
 struct Mesh {
   ElementShape shape = ElementShape::tri3;
@@ -42,6 +50,7 @@ struct Mesh {
   std::vector<int> region;    ///< region index of each element
   std::vector<std::string> region_names;
   std::map<std::string, Tag> tags;
+  std::vector<Part> parts;  ///< empty: the mesh is one piece
 
   int dimension() const { return dimension_of(shape); }
   int nodes_per_element() const { return nodes_of(shape); }
@@ -59,6 +68,8 @@ struct Mesh {
 
   /// Region index by name; throws InputError with the nearest name.
   int region_index(std::string_view name) const;
+  /// Part by name; throws InputError with the nearest name.
+  const Part& part(std::string_view name) const;
 
   /// Throws InputError when an element is inverted or degenerate, a node belongs to no element, an index is out of
   /// range or a region is unnamed. `where` starts the message (a file name, say).
@@ -79,5 +90,15 @@ struct MaterialPoint {
   std::vector<double> weights;
 };
 MaterialPoint locate(const Mesh& mesh, const Eigen::VectorXd& point);
+/// The same within one part, which others may overlap (brackets of a joint lie beside each other).
+MaterialPoint locate(const Mesh& mesh, const Eigen::VectorXd& point, const Part& part);
+
+/// One mesh of several, all of one element shape. Regions of the same name are one region (and share its material);
+/// the tag "tip" of part "link1" becomes "link1.tip". Throws InputError for different shapes or a name that is there
+/// twice.
+Mesh merge(const std::vector<std::pair<std::string, Mesh>>& parts);
+
+/// Turns a mesh about the origin (2D, counter-clockwise, [rad]) and then shifts it [m].
+void place(Mesh& mesh, double angle, const Eigen::VectorXd& shift);
 
 }  // namespace taut

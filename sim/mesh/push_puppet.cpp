@@ -448,6 +448,11 @@ void check(const PushPuppet& m) {
                      mm(m.cable_offset), mm(at.thin_low), mm(at.thin_high)));
   }
   if (m.stud_length > 0.0) check_studs(m);
+  if (!(m.base_bracket >= 0.0 && m.tip_bracket >= 0.0 && m.bracket_height > 0.0 &&
+        m.bracket_height <= 2 * at.lip_high)) {
+    fail(fmt::format("brackets need a length of zero or more and a height above 0, at most the plates' {}",
+                     mm(2 * at.lip_high)));
+  }
 }
 
 Mesh mesh_push_puppet(const PushPuppet& module, const PushPuppetMesh& settings, double inset) {
@@ -479,6 +484,17 @@ Mesh mesh_push_puppet(const PushPuppet& module, const PushPuppetMesh& settings, 
     lips.right(near, right);
     face = std::move(far);
   }
+
+  // Brackets go on from the plates' outer faces, as far up as half their height.
+  const auto bracket = [&](const Builder::Column& plate, double from, double to) {
+    if (from == to) return;
+    const auto above = std::lower_bound(lines.web.begin(), lines.web.end(), 0.5 * module.bracket_height - 1e-9);
+    const int count = static_cast<int>(above - lines.web.begin()) + 1;
+    builder.extrude(slice(plate, 0, count), to, {lines.web.begin(), lines.web.begin() + count},
+                    cells_along(std::abs(to - from), settings.size, 2), plastic);
+  };
+  bracket(base, -module.plate_thickness, -module.plate_thickness - module.base_bracket);
+  bracket(face, tip_x, tip_x + module.tip_bracket);
 
   Mesh mesh = builder.reflected();
   mesh.region_names = {"foam", "plastic"};

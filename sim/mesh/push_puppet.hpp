@@ -22,7 +22,10 @@ struct PushPuppet {
   double via_inset = 0.5e-3;      ///< via points lie that far inside every lip's end
   double stud_length = 0;         ///< tongue on the left lip's end; 0: no studs
   double stud_thickness = 1.5e-3;
-  double stud_play = 0.2e-3;  ///< between the tongue and each side of its groove
+  double stud_play = 0.2e-3;      ///< between the tongue and each side of its groove
+  double base_bracket = 0;        ///< how far a bracket reaches out of the base plate, to hold a joint; 0: none
+  double tip_bracket = 0;         ///< the same at the tip plate
+  double bracket_height = 10e-3;  ///< of both, across the axis, to the nearest line of the mesh
 };
 
 /// How finely a module is meshed.

@@ -1,6 +1,7 @@
 #pragma once
 #include <Eigen/Core>
 #include <array>
+#include <type_traits>
 
 #include "sim/mesh/mesh.hpp"
 
@@ -76,5 +77,20 @@ struct ReferenceElement {
     }
   }
 };
+
+/// Calls `action` with the shape as a constant.
+template <class Action>
+auto with_shape(ElementShape shape, Action&& action) {
+  switch (shape) {
+    case ElementShape::tri3:
+      return action(std::integral_constant<ElementShape, ElementShape::tri3>{});
+    case ElementShape::tri6:
+      return action(std::integral_constant<ElementShape, ElementShape::tri6>{});
+    case ElementShape::tet4:
+      return action(std::integral_constant<ElementShape, ElementShape::tet4>{});
+    default:
+      return action(std::integral_constant<ElementShape, ElementShape::tet10>{});
+  }
+}
 
 }  // namespace taut

@@ -60,6 +60,7 @@ void Equilibrium::start_at_rest(const Params& p) {
 }
 
 void Equilibrium::start_at(const Eigen::VectorXd& u, const Params& p) {
+  step_ = nullptr;
   u_ = u;
   p_ = p;
   has_factor_ = false;
@@ -72,7 +73,7 @@ void Equilibrium::start_beyond(const Eigen::VectorXd& u, const Eigen::VectorXd& 
 
 /// Assembles gradient and Hessian at u and factorises: exact, else projected, else projected and shifted.
 bool Equilibrium::factorise(bool& exact, const Eigen::VectorXd& u, const Params& p, Eigen::VectorXd& gradient) {
-  hessian_.assemble({u, p}, options_.always_project ? Curvature::projected : Curvature::exact, &gradient);
+  hessian_.assemble(at(u, p), options_.always_project ? Curvature::projected : Curvature::exact, &gradient);
   exact = !options_.always_project;
   if (hessian_.factorise()) return true;
   exact = false;
@@ -85,7 +86,7 @@ bool Equilibrium::factorise(bool& exact, const Eigen::VectorXd& u, const Params&
       if (hessian_.factorise(shift)) return true;
     }
   }
-  if (!options_.always_project) hessian_.assemble({u, p}, Curvature::projected, &gradient);
+  if (!options_.always_project) hessian_.assemble(at(u, p), Curvature::projected, &gradient);
   for (double shift = 0, scale = hessian_.mean_diagonal(); shift < 1e3 * scale;
        shift = std::max(10 * shift, 1e-8 * scale)) {
     if (hessian_.factorise(shift)) return true;
@@ -98,7 +99,7 @@ Eigen::VectorXd Equilibrium::free_gradient_at(const Eigen::VectorXd& u, const Pa
   Eigen::VectorXd gradient;
   Assembly out;
   out.gradient = &gradient;
-  model_->evaluate({u, p}, out);
+  model_->evaluate(at(u, p), out);
   return model_->restrict_to_free(gradient);
 }
 
@@ -116,7 +117,7 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
   } reference;
   const Motion motion(*model_, p);
   Assembly energy, next;
-  model_->evaluate({u, p}, energy);
+  model_->evaluate(at(u, p), energy);
   if (!std::isfinite(energy.energy)) return {SolveStatus::infeasible_start, false};
 
   const double tolerance = options_.step_tolerance * model_->length_scale();
@@ -147,7 +148,7 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
     double fraction = 1;
     trial = motion.admissible(u, step, p, fraction);
     if (fraction == 0) return {SolveStatus::stalled, false};
-    model_->evaluate({trial, p}, next);
+    model_->evaluate(at(trial, p), next);
     // The Newton step is the error estimate. A last full step costs no factorisation and leaves an error of its square.
     if (largest(free_step) <= tolerance) {
       if (next.energy <= energy.energy + noise) u = trial;
@@ -167,7 +168,7 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
     const double shortest = 1e-9 * reference.fraction;
     for (fraction = 0.5 * reference.fraction; fraction > shortest; fraction *= 0.5) {
       trial = motion.admissible(reference.u, reference.step, p, fraction);
-      model_->evaluate({trial, p}, next);
+      model_->evaluate(at(trial, p), next);
       if (next.energy <= reference.energy.energy + 1e-4 * fraction * reference.slope) break;
     }
     u = fraction > shortest ? trial : reference.u;
@@ -183,7 +184,7 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
 /// At a stationary point whose exact Hessian is not positive definite: finds the direction of the lowest eigenvalue by
 /// inverse iteration and steps along it, to the side of lower energy. False when there is no negative curvature.
 bool Equilibrium::leave_saddle(Eigen::VectorXd& u, const Params& p) {
-  const Assembly out = hessian_.assemble({u, p}, Curvature::exact, nullptr);
+  const Assembly out = hessian_.assemble(at(u, p), Curvature::exact, nullptr);
   const double scale = hessian_.mean_diagonal();
   double shift = 1e-10 * scale;
   while (!hessian_.factorise(shift)) {
@@ -195,7 +196,7 @@ bool Equilibrium::leave_saddle(Eigen::VectorXd& u, const Params& p) {
   for (int iteration = 0; iteration < 20; ++iteration) mode = hessian_.solve(mode.normalized());
   mode /= largest(mode);
   const Eigen::VectorXd direction = model_->extend_from_free(mode);
-  if (!(model_->hessian_times({u, p}, direction).dot(direction) < 0)) return false;
+  if (!(model_->hessian_times(at(u, p), direction).dot(direction) < 0)) return false;
   Eigen::VectorXd best;
   const Motion motion(*model_, p);
   double lowest = infinity;
@@ -205,7 +206,7 @@ bool Equilibrium::leave_saddle(Eigen::VectorXd& u, const Params& p) {
       double fraction = amplitude;
       const Eigen::VectorXd candidate = motion.admissible(u, sign * direction, p, fraction);
       Assembly energy;
-      model_->evaluate({candidate, p}, energy);
+      model_->evaluate(at(candidate, p), energy);
       if (energy.energy < out.energy && energy.energy < lowest) {
         lowest = energy.energy;
         best = candidate;
@@ -227,7 +228,7 @@ SolveStatus Equilibrium::settle(Eigen::VectorXd& u, const Params& p) {
       has_factor_ = result.exact_factor;
       return SolveStatus::converged;
     }
-    hessian_.assemble({u, p}, Curvature::exact, nullptr);
+    hessian_.assemble(at(u, p), Curvature::exact, nullptr);
     has_factor_ = hessian_.factorise();
     if (has_factor_) return SolveStatus::converged;
     if (!leave_saddle(u, p)) break;
@@ -238,9 +239,9 @@ SolveStatus Equilibrium::settle(Eigen::VectorXd& u, const Params& p) {
 
 /// Minus the mixed derivative, on the free unknowns: what H du/dp equals. Moving supports pull through H as well.
 Eigen::VectorXd Equilibrium::right_hand_side(int index) const {
-  Eigen::VectorXd g = model_->parameter_gradient({u_, p_}, index);
+  Eigen::VectorXd g = model_->parameter_gradient(at(u_, p_), index);
   const Eigen::VectorXd moved = model_->support_derivative(index);
-  if (!moved.isZero(0)) g += model_->hessian_times({u_, p_}, moved);
+  if (!moved.isZero(0)) g += model_->hessian_times(at(u_, p_), moved);
   return -model_->restrict_to_free(g);
 }
 
@@ -280,11 +281,11 @@ Eigen::VectorXd Equilibrium::predict(const Params& p) const {
   Eigen::VectorXd predicted = Motion(*model_, p).admissible(u_, predicted_step(p, true), p, fraction);
   model_->impose_supports(p, predicted);
   Assembly a, b;
-  model_->evaluate({predicted, p}, a);
-  model_->evaluate({plain, p}, b);
+  model_->evaluate(at(predicted, p), a);
+  model_->evaluate(at(plain, p), b);
   // Supports may have been moved through something, which the contact barrier would not notice afterwards.
-  if (model_->step_limit({u_, p}, plain - u_) < 1) b.energy = infinity;
-  if (model_->step_limit({u_, p}, predicted - u_) < 1) a.energy = infinity;
+  if (model_->step_limit(at(u_, p), plain - u_) < 1) b.energy = infinity;
+  if (model_->step_limit(at(u_, p), predicted - u_) < 1) a.energy = infinity;
   return std::isfinite(a.energy) && !(a.energy > b.energy) ? predicted : plain;
 }
 
@@ -304,14 +305,43 @@ bool Equilibrium::slipped(const Eigen::VectorXd& u_before, const Params& p_befor
   return miss > allowed;
 }
 
+Eigen::MatrixXd Equilibrium::solve_linear(const Eigen::MatrixXd& b) const {
+  if (!has_factor_) throw std::logic_error("a linear solve needs a converged equilibrium");
+  Eigen::MatrixXd free(model_->free_unknowns(), b.cols()), all(model_->unknowns(), b.cols());
+  for (Eigen::Index k = 0; k < b.cols(); ++k) free.col(k) = model_->restrict_to_free(b.col(k));
+  free = hessian_.solve(free);
+  for (Eigen::Index k = 0; k < b.cols(); ++k) all.col(k) = model_->extend_from_free(free.col(k));
+  return all;
+}
+
+const SolveReport& Equilibrium::solve_step(const Eigen::VectorXd& start, const Params& p, const TimeStep& step) {
+  report_ = {};
+  const int factorisations = hessian_.factorisations();
+  step_ = &step;
+  Eigen::VectorXd u = start;
+  model_->impose_supports(p, u);
+  report_.status = settle(u, p);
+  if (report_.status == SolveStatus::converged) {
+    u_ = u;
+    p_ = p;
+    report_.reached = 1;
+    report_.load_steps = 1;
+  } else {
+    has_factor_ = false;
+  }
+  report_.factorisations = hessian_.factorisations() - factorisations;
+  return report_;
+}
+
 bool Equilibrium::refactorise() {
   if (has_factor_) return true;
-  const Assembly out = hessian_.assemble({u_, p_}, Curvature::exact, nullptr);
+  const Assembly out = hessian_.assemble(at(u_, p_), Curvature::exact, nullptr);
   return has_factor_ = std::isfinite(out.energy) && hessian_.factorise();
 }
 
 const SolveReport& Equilibrium::solve(const Params& p) {
   report_ = {};
+  if (std::exchange(step_, nullptr) != nullptr) has_factor_ = false;
   const int factorisations = hessian_.factorisations();
   const Params start = p_;
   const double smallest_step = std::ldexp(1.0, -options_.max_halvings);
@@ -327,7 +357,7 @@ const SolveReport& Equilibrium::solve(const Params& p) {
     Eigen::VectorXd u = predict(next);
     const bool checked = options_.check_path && next != p_;
     const Eigen::VectorXd predicted = checked && has_factor_ ? u : Eigen::VectorXd();
-    const bool passes = model_->step_limit({u_, next}, u - u_) < 1;
+    const bool passes = model_->step_limit(at(u_, next), u - u_) < 1;
     report_.status = passes ? SolveStatus::infeasible_start : settle(u, next);
     if (report_.status == SolveStatus::converged) {
       const Eigen::VectorXd u_before = std::exchange(u_, u);
@@ -353,7 +383,7 @@ const SolveReport& Equilibrium::solve(const Params& p) {
     if (report_.status == SolveStatus::interrupted || next == p_) break;  // nothing to take shorter steps of
     if (report_.status == SolveStatus::infeasible_start) {
       Assembly out;
-      model_->evaluate({u_, p_}, out);
+      model_->evaluate(at(u_, p_), out);
       if (!std::isfinite(out.energy)) break;  // shorter steps start from the same state
     }
     step *= 0.5;

@@ -63,6 +63,11 @@ class Equilibrium {
   const Params& p() const { return p_; }           ///< its parameters
   bool has_factor() const { return has_factor_; }  ///< the exact Hessian at u() is factorised
   const SolveReport& report() const { return report_; }
+  /// Solves H x = b with the kept factor of the exact Hessian, on all unknowns, zero at the supports; shape (n x k).
+  /// Throws std::logic_error without a factor.
+  Eigen::MatrixXd solve_linear(const Eigen::MatrixXd& b) const;
+  /// Factorises the exact Hessian at u() if that is not what is kept; false when it is not positive definite.
+  bool refactorise();
 
   /// Forgets the past: rest shape at `p`, in which loads and prescribed displacements are expected to be zero.
   void start_at_rest(const Params& p);
@@ -74,6 +79,12 @@ class Equilibrium {
   /// Moves from the current state to the equilibrium at `p`. On failure the state stays at the last equilibrium that
   /// was reached on the way (report().reached of the change).
   const SolveReport& solve(const Params& p);
+
+  /// Minimises the potential of one time step at `p` from `start` (supports imposed), without load stepping: the new
+  /// state is u() when the report says converged; otherwise the last one stays. `step` has to live on, there or
+  /// where step_moved_to() says, while this state is looked at.
+  const SolveReport& solve_step(const Eigen::VectorXd& start, const Params& p, const TimeStep& step);
+  void step_moved_to(const TimeStep& step) { step_ = &step; }
 
   /// du/dp_index for each of `indices`, shape (unknowns x indices), at the last equilibrium by the implicit function
   /// theorem, H du/dp = - d2Pi/du dp, from the kept factorisation. Throws std::logic_error without a factor.
@@ -94,9 +105,7 @@ class Equilibrium {
   Eigen::VectorXd right_hand_side(int index) const;
   bool factorise(bool& exact, const Eigen::VectorXd& u, const Params& p, Eigen::VectorXd& gradient);
   Eigen::VectorXd free_gradient_at(const Eigen::VectorXd& u, const Params& p) const;
-  /// Factorises the exact Hessian at the last equilibrium if that is not what is kept; false when it is not positive
-  /// definite.
-  bool refactorise();
+  Point at(const Eigen::VectorXd& u, const Params& p) const { return {u, p, step_}; }
   bool stopped() const { return options_.stop != nullptr && options_.stop->load(); }
 
   const Model* model_;
@@ -104,6 +113,7 @@ class Equilibrium {
   Hessian hessian_;
   Eigen::VectorXd u_;
   Params p_;
+  const TimeStep* step_ = nullptr;  ///< the time step at work, if any
   bool has_factor_ = false;
   bool buckling_ = false;  ///< a saddle was left on the way to the equilibrium that is searched now
   SolveReport report_;

@@ -90,6 +90,20 @@ struct Contact::Surface {
     const auto& [a, b] = edges[static_cast<size_t>(edge)];
     return a == vertex || b == vertex;
   }
+  /// Two vertices of parts that do not see each other.
+  bool apart(int v, int w) const {
+    if (settings.apart.empty() || v >= body_vertices || w >= body_vertices) return false;
+    const auto part_of = [&](int vertex) {
+      return settings.part[static_cast<size_t>(nodes[static_cast<size_t>(vertex)])];
+    };
+    const int one = part_of(v), two = part_of(w);
+    return one != two && std::any_of(settings.apart.begin(), settings.apart.end(), [&](const auto& pair) {
+             return (pair[0] == one && pair[1] == two) || (pair[0] == two && pair[1] == one);
+           });
+  }
+  bool ignores(int edge, int vertex) const {
+    return contains(edge, vertex) || apart(vertex, edges[static_cast<size_t>(edge)][0]);
+  }
   int edge_count() const { return static_cast<int>(edges.size()); }
 
   Surface(const Mesh& mesh, ContactSettings given);
@@ -232,7 +246,7 @@ Contact::Surface::Boxes Contact::Surface::enclose(EdgeBox&& edge_box) const {
 template <class Visit>
 void Contact::Surface::visit_edges(const Boxes& boxes, int vertex, const Box& box, Visit&& visit) const {
   body_tree.visit(boxes.body, box, [&](int e) {
-    if (!contains(e, vertex)) visit(e);
+    if (!ignores(e, vertex)) visit(e);
   });
   if (vertex < body_vertices) obstacle_tree.visit(boxes.obstacles, box, [&](int e) { visit(body_edges + e); });
 }
@@ -247,7 +261,7 @@ std::vector<Contact::Surface::Near> Contact::Surface::pairs_within(const State& 
   if (brute_force) {
     for (int v = 0; v < vertices(); ++v) {
       for (int e = 0; e < (v < body_vertices ? edge_count() : body_edges); ++e) {
-        if (!contains(e, v)) look(v, e);
+        if (!ignores(e, v)) look(v, e);
       }
     }
     return pairs;
@@ -307,11 +321,11 @@ std::vector<Interaction> Contact::Surface::interactions(const State& s, const Pa
       for (int v : {a, b}) {
         // Once per vertex: with the first of its edges that does not contain i.
         const auto [first, last] = edges_at[v];
-        const int* lead = std::find_if(first, last, [&](int other) { return !contains(other, i); });
+        const int* lead = std::find_if(first, last, [&](int other) { return !ignores(other, i); });
         if (*lead != e || last - lead < 2 || !(s.from(v, i).norm() < gap)) continue;
         int softest = -1;
         for (const int* other = lead; other != last; ++other) {
-          if (contains(*other, i)) continue;
+          if (ignores(*other, i)) continue;
           const int here = softer(p, own, edge_stiffness[static_cast<size_t>(*other)]);
           add_vertex(v, here, -weight);
           softest = softer(p, softest, here);
@@ -564,6 +578,7 @@ bool Contact::intersects(const Eigen::VectorXd& u) const {
     auto [c, d] = surface.edges[static_cast<size_t>(f)];
     if (b == c || b == d) std::swap(a, b);
     if (a == d) std::swap(c, d);
+    if (surface.apart(a, c)) return;
     if (a != c) {
       found = segments_meet(x.col(a), x.col(b), x.col(c), x.col(d));
     } else {

@@ -302,20 +302,6 @@ auto with_law(std::string_view law, Action&& action) {
   return result;
 }
 
-template <class Action>
-auto with_shape(ElementShape shape, Action&& action) {
-  switch (shape) {
-    case ElementShape::tri3:
-      return action(std::integral_constant<ElementShape, ElementShape::tri3>{});
-    case ElementShape::tri6:
-      return action(std::integral_constant<ElementShape, ElementShape::tri6>{});
-    case ElementShape::tet4:
-      return action(std::integral_constant<ElementShape, ElementShape::tet4>{});
-    default:
-      return action(std::integral_constant<ElementShape, ElementShape::tet10>{});
-  }
-}
-
 }  // namespace
 
 std::unique_ptr<Term> make_solid(const Mesh& mesh, const SolidDefinition& definition) {

@@ -160,5 +160,33 @@ TEST(MarkerChannel, APatchWithoutARotationIsRefused) {
       make_marker_channel(flat, locate(flat, vec({0.1, 0.1})), vec({0, 0.01}), flat.select("xmax"), vec({0, 1})));
 }
 
+TEST(RotationChannel, IsTheAngleOfATurnedBodyAndItsGradientTheDerivative) {
+  for (ElementShape shape : all_shapes) {
+    const Mesh mesh = irregular_mesh(shape);
+    const int d = mesh.dimension();
+    const Eigen::Vector3d axis = d == 2 ? Eigen::Vector3d::UnitZ() : Eigen::Vector3d(1, 2, -1).normalized();
+    const auto channel =
+        make_rotation_channel(mesh, mesh.select("xmax"), d == 2 ? Eigen::VectorXd() : Eigen::VectorXd(axis));
+    const Params none;
+    for (double angle : {0.0, 0.4, -1.3, 2.9}) {
+      const Eigen::Matrix3d R = Eigen::AngleAxisd(angle, axis).toRotationMatrix();
+      Eigen::VectorXd u(mesh.X.size());
+      for (int i = 0; i < mesh.node_count(); ++i) {
+        u.segment(i * d, d) = R.topLeftCorner(d, d) * mesh.node(i) - mesh.node(i) + Eigen::VectorXd::Constant(d, 0.3);
+      }
+      EXPECT_NEAR(channel->value({u, none}), angle, 1e-12);
+      std::mt19937 random(5);
+      u += 0.003 * random_vector(u.size(), random);
+      const Eigen::VectorXd v = random_vector(u.size(), random), moved = u;
+      const double y = channel->value({u, none}), slope = channel->gradient({u, none}).dot(v);
+      expect_taylor_order(
+          [&](double h) {
+            return std::abs(channel->value({moved + h * v, none}) - y - h * slope);
+          },
+          2, 1e-14, 1e-3, 6, std::string(name_of(shape)));
+    }
+  }
+}
+
 }  // namespace
 }  // namespace taut

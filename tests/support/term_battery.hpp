@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Eigenvalues>
+#include <memory>
 #include <random>
 #include <string>
 #include <utility>
@@ -15,12 +16,14 @@
 // What every energy must satisfy. A term is put into a model of its own, without supports, and seen through it.
 namespace taut::test {
 
-/// One term at one state: all that the battery needs.
+/// One term at one state, within a time step or not: all that the battery needs.
 struct TermUnderTest {
   Model model;
   Params p;
   Eigen::VectorXd u;
   std::string name;
+  std::shared_ptr<TimeStep> step{};
+  Point at() const { return {u, p, step.get()}; }
 };
 
 inline TermUnderTest term_under_test(Mesh mesh, ParameterTable table, std::unique_ptr<Term> term, Params p,
@@ -30,24 +33,25 @@ inline TermUnderTest term_under_test(Mesh mesh, ParameterTable table, std::uniqu
   return {Model(std::move(mesh), std::move(table), std::move(terms), {}), std::move(p), std::move(u), std::move(name)};
 }
 
-inline double energy_of(const Model& model, const Eigen::VectorXd& u, const Params& p) {
+inline double energy_of(const Model& model, const Eigen::VectorXd& u, const Params& p, const TimeStep* step = nullptr) {
   Assembly out;
-  model.evaluate({u, p}, out);
+  model.evaluate({u, p, step}, out);
   return out.energy;
 }
 
-inline Eigen::VectorXd gradient_of(const Model& model, const Eigen::VectorXd& u, const Params& p) {
+inline Eigen::VectorXd gradient_of(const Model& model, const Eigen::VectorXd& u, const Params& p,
+                                   const TimeStep* step = nullptr) {
   Eigen::VectorXd gradient;
   Assembly out;
   out.gradient = &gradient;
-  model.evaluate({u, p}, out);
+  model.evaluate({u, p, step}, out);
   return gradient;
 }
 
 /// The Hessian on the free unknowns as it goes into the pattern, mirrored to both triangles; without supports, also
 /// what comes outside of the pattern.
 inline Eigen::MatrixXd hessian_of(const Model& model, const Eigen::VectorXd& u, const Params& p,
-                                  Curvature curvature = Curvature::exact) {
+                                  Curvature curvature = Curvature::exact, const TimeStep* step = nullptr) {
   const SparsePattern& pattern = model.pattern();
   std::vector<double> values(static_cast<size_t>(pattern.entries()) + 1);
   Assembly out;
@@ -55,7 +59,7 @@ inline Eigen::MatrixXd hessian_of(const Model& model, const Eigen::VectorXd& u, 
   out.hessian = values.data();
   if (model.free_unknowns() == model.unknowns()) out.couplings = &couplings;
   out.curvature = curvature;
-  model.evaluate({u, p}, out);
+  model.evaluate({u, p, step}, out);
   Eigen::MatrixXd H = Eigen::MatrixXd::Zero(pattern.size, pattern.size);
   for (int j = 0; j < pattern.size; ++j) {
     for (int k = pattern.columns[j]; k < pattern.columns[j + 1]; ++k) {
@@ -94,35 +98,36 @@ inline Eigen::VectorXd random_state(const Mesh& mesh, double strain, double nois
 /// `size` [m] is the largest step: small against the elements.
 inline void expect_derivatives(const TermUnderTest& t, double size) {
   std::mt19937 random(11);
-  const double energy = energy_of(t.model, t.u, t.p);
+  const double energy = energy_of(t.model, t.u, t.p, t.step.get());
   ASSERT_TRUE(std::isfinite(energy)) << t.name << ": the state is not admissible";
-  const Eigen::VectorXd gradient = gradient_of(t.model, t.u, t.p);
+  const Eigen::VectorXd gradient = gradient_of(t.model, t.u, t.p, t.step.get());
   for (int direction = 0; direction < 3; ++direction) {
-    const Eigen::VectorXd v = random_vector(t.u.size(), random), Hv = t.model.hessian_times({t.u, t.p}, v);
+    const Eigen::VectorXd v = random_vector(t.u.size(), random), Hv = t.model.hessian_times(t.at(), v);
     const double slope = gradient.dot(v), curvature = v.dot(Hv);
     const double energy_noise =
         1e-14 * (std::abs(energy) + gradient.cwiseAbs().dot(t.u.cwiseAbs() + size * v.cwiseAbs()));
     const double gradient_noise = 1e-13 * (gradient.norm() + size * Hv.norm());
-    const auto change = [&](double h) { return energy_of(t.model, t.u + h * v, t.p) - energy; };
+    const auto change = [&](double h) { return energy_of(t.model, t.u + h * v, t.p, t.step.get()) - energy; };
     expect_taylor_order([&](double h) { return std::abs(change(h) - h * slope); }, 2, energy_noise, size, 6,
                         t.name + ": gradient");
     expect_taylor_order([&](double h) { return std::abs(change(h) - h * slope - 0.5 * h * h * curvature); }, 3,
                         energy_noise, size, 5, t.name + ": Hessian in the energy");
-    expect_taylor_order([&](double h) { return (gradient_of(t.model, t.u + h * v, t.p) - gradient - h * Hv).norm(); },
-                        2, gradient_noise, size, 6, t.name + ": Hessian in the gradient");
+    expect_taylor_order(
+        [&](double h) { return (gradient_of(t.model, t.u + h * v, t.p, t.step.get()) - gradient - h * Hv).norm(); }, 2,
+        gradient_noise, size, 6, t.name + ": Hessian in the gradient");
   }
 }
 
 /// The mixed derivative of each parameter by the remainder of the gradient; parameters on which nothing depends have
 /// none.
 inline void expect_parameter_derivatives(const TermUnderTest& t, double relative_step = 0.1) {
-  const Eigen::VectorXd gradient = gradient_of(t.model, t.u, t.p);
+  const Eigen::VectorXd gradient = gradient_of(t.model, t.u, t.p, t.step.get());
   for (int k = 0; k < t.model.parameters().size(); ++k) {
-    const Eigen::VectorXd mixed = t.model.parameter_gradient({t.u, t.p}, k);
+    const Eigen::VectorXd mixed = t.model.parameter_gradient(t.at(), k);
     const auto moved = [&](double h) {
       Params p = t.p;
       p[k] += h;
-      return gradient_of(t.model, t.u, p);
+      return gradient_of(t.model, t.u, p, t.step.get());
     };
     const double size = relative_step * (t.p[k] == 0 ? 1 : std::abs(t.p[k]));
     const double noise = 1e-13 * (gradient.norm() + size * mixed.norm());
@@ -133,10 +138,10 @@ inline void expect_parameter_derivatives(const TermUnderTest& t, double relative
 
 /// Both ways to see the Hessian agree, and it is symmetric.
 inline void expect_symmetric_hessian(const TermUnderTest& t) {
-  const Eigen::MatrixXd assembled = hessian_of(t.model, t.u, t.p);
+  const Eigen::MatrixXd assembled = hessian_of(t.model, t.u, t.p, Curvature::exact, t.step.get());
   Eigen::MatrixXd columns(t.u.size(), t.u.size());
   for (Eigen::Index k = 0; k < t.u.size(); ++k) {
-    columns.col(k) = t.model.hessian_times({t.u, t.p}, Eigen::VectorXd::Unit(t.u.size(), k));
+    columns.col(k) = t.model.hessian_times(t.at(), Eigen::VectorXd::Unit(t.u.size(), k));
   }
   const double scale = columns.norm();
   EXPECT_LE((columns - columns.transpose()).norm(), 1e-15 * scale) << t.name;
@@ -144,14 +149,14 @@ inline void expect_symmetric_hessian(const TermUnderTest& t) {
 }
 
 inline void expect_projection_is_semidefinite(const TermUnderTest& t) {
-  const Eigen::MatrixXd H = hessian_of(t.model, t.u, t.p, Curvature::projected);
+  const Eigen::MatrixXd H = hessian_of(t.model, t.u, t.p, Curvature::projected, t.step.get());
   const Eigen::VectorXd eigenvalues = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(H).eigenvalues();
   EXPECT_GE(eigenvalues[0], -1e-13 * eigenvalues.cwiseAbs().maxCoeff()) << t.name;
 }
 
 /// The nodal forces of an internal energy balance: sum f = 0 and sum x x f = 0 about the origin.
 inline void expect_no_net_force_or_moment(const TermUnderTest& t) {
-  const Eigen::VectorXd f = gradient_of(t.model, t.u, t.p);
+  const Eigen::VectorXd f = gradient_of(t.model, t.u, t.p, t.step.get());
   const int d = t.model.mesh().dimension();
   Eigen::Vector3d force = Eigen::Vector3d::Zero(), moment = Eigen::Vector3d::Zero();
   double scale = 0;

@@ -1,0 +1,88 @@
+#include "calib/geometry.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "sim/core/error.hpp"
+#include "sim/mesh/msh_file.hpp"
+#include "sim/mesh/structured.hpp"
+
+namespace taut {
+namespace {
+
+/// Fraction of the contact gap that faces rest apart at about half the pressure that the barrier is made for.
+constexpr double resting_distance = 0.65;
+
+std::vector<double> shifted(std::vector<double> coordinates, double origin) {
+  for (double& x : coordinates) x += origin;
+  return coordinates;
+}
+
+}  // namespace
+
+double contact_gap(const MeshSettings& settings, double diagonal) {
+  return settings.contact_gap > 0 ? settings.contact_gap : 2e-5 * diagonal;
+}
+
+Mesh make_mesh(const GeometrySettings& g, const MeshSettings& settings, bool contact, bool compensate) {
+  auto axis = [&](size_t i) { return shifted(graded(g.size[i], settings.cells[i]), g.origin[i]); };
+  if (g.kind == "box") return box(axis(0), axis(1), axis(2), settings.order, g.region);
+  if (g.kind == "rectangle") return rectangle(axis(0), axis(1), settings.order, g.region);
+  if (g.kind == "boxes") return mesh_boxes(g.boxes, settings.size, settings.order);
+  if (g.kind == "polygons") return mesh_polygons(g.polygons, settings.size, settings.order);
+  if (g.kind == "disc") {
+    PolygonRegion circle{g.region, {}, {}};
+    const int corners = std::max(12, static_cast<int>(std::ceil(2 * M_PI * g.radius / settings.size)));
+    for (int i = 0; i < corners; ++i) {
+      const double angle = 2 * M_PI * i / corners;
+      circle.vertices.push_back({g.radius * std::cos(angle), g.radius * std::sin(angle)});
+    }
+    return mesh_polygons({circle}, settings.size, settings.order);
+  }
+  if (g.kind == "finger") {
+    if (!contact) return mesh_finger(g.finger, settings.size, settings.order);
+    const double gap = contact_gap(settings, 0.1);
+    return mesh_finger(g.finger, settings.size, settings.order, compensate ? 0.5 * resting_distance * gap : 0.0);
+  }
+  if (g.kind == "push_puppet") {
+    // Closed lips rest about this far apart: taken off their faces, so that they close where the specimen's own do.
+    const PushPuppetMesh resolution{settings.size, settings.lip_cells, settings.order};
+    if (!contact) return mesh_push_puppet(g.puppet, resolution);
+    const double gap = contact_gap(settings, mesh_push_puppet(g.puppet, resolution).diagonal());
+    const double largest = std::min(0.5 * g.puppet.gap_total / g.puppet.cells, g.puppet.via_inset);
+    if (gap > largest) {
+      throw InputError(fmt::format(
+          "the contact gap of {:.4g} mm is too large for the module: faces would push each other at rest or lose "
+          "their via points; set contact_gap below {:.4g} mm (half a gap between lips, and via_inset), or leave it out",
+          1e3 * gap, 1e3 * largest));
+    }
+    return mesh_push_puppet(g.puppet, resolution, compensate ? 0.5 * resting_distance * gap : 0.0);
+  }
+  Mesh mesh = read_msh(g.file, g.unit);
+  if (mesh.dimension() != g.dimension)
+    throw InputError(fmt::format("{} is a {}D mesh; set dimension = {}", g.file, mesh.dimension(), mesh.dimension()));
+  if (settings.order == 2 && order_of(mesh.shape) == 1) return to_quadratic(mesh);
+  if (settings.order == 1 && order_of(mesh.shape) == 2)
+    throw InputError(fmt::format("{} has quadratic elements; set element = \"quadratic\"", g.file));
+  return mesh;
+}
+
+std::vector<Eigen::VectorXd> own_cable(const GeometrySettings& geometry, const std::string& name) {
+  std::vector<Eigen::VectorXd> points;
+  if (geometry.kind == "finger") {
+    if (name != "cable") throw InputError(fmt::format("'{}' is not a cable of a finger; allowed: cable", name));
+    for (const Eigen::Vector2d& point : cable_path(geometry.finger)) points.push_back(point);
+    return points;
+  }
+  if (geometry.kind != "push_puppet")
+    throw InputError(fmt::format("a {} has no cables of its own; give the points x and y", geometry.kind));
+  if (name != "upper" && name != "lower")
+    throw InputError(fmt::format("'{}' is not a cable of a push_puppet{}; allowed: upper, lower", name,
+                                 did_you_mean(name, {"upper", "lower"})));
+  for (const Eigen::Vector2d& point : cable_path(geometry.puppet, name == "upper" ? 1 : -1)) points.push_back(point);
+  return points;
+}
+
+}  // namespace taut

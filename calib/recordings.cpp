@@ -1,0 +1,300 @@
+#include "calib/recordings.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <set>
+
+#include "calib/csv_table.hpp"
+#include "calib/experiment_tables.hpp"
+#include "sim/core/error.hpp"
+
+namespace taut {
+namespace {
+
+void read_dynamics(TableReader& root, Experiment& experiment) {
+  DynamicsSettings& dynamics = experiment.dynamics;
+  TableReader table = root.table("dynamics");
+  dynamics.integrator =
+      table.choice("integrator", {"bdf2", "implicit_euler"}) == "bdf2" ? Integrator::bdf2 : Integrator::implicit_euler;
+  dynamics.step = table.quantity("step", Quantity::time);
+  if (!(dynamics.step > 0)) table.fail("step", "the step must be positive");
+  dynamics.mass = table.choice("mass", {"consistent", "lumped"}) == "lumped" ? MassForm::lumped : MassForm::consistent;
+  table.finish();
+  std::vector<std::string> regions;
+  for (const MaterialSettings& material : experiment.materials) {
+    regions.push_back(material.region);
+    if (!material.density)
+      throw InputError(
+          fmt::format("{}: [materials.{}]: recordings over time need a density; add for example density = "
+                      "\"1070 kg/m3\"",
+                      experiment.path, material.region));
+  }
+  for (auto& [region, damping] : root.named_tables("damping")) {
+    if (std::find(regions.begin(), regions.end(), region) == regions.end())
+      damping.fail("", fmt::format("there is no material '{}'{}; allowed: {}", region, did_you_mean(region, regions),
+                                   join(regions)));
+    if (const auto mass = damping.optional_quantity("mass", Quantity::frequency)) dynamics.mass_damping[region] = *mass;
+    if (const auto stiffness = damping.optional_quantity("stiffness", Quantity::time))
+      dynamics.stiffness_damping[region] = *stiffness;
+    for (const auto* values : {&dynamics.mass_damping, &dynamics.stiffness_damping}) {
+      if (values->count(region) > 0 && values->at(region) < 0) damping.fail("", "damping must not be negative");
+    }
+    damping.finish();
+  }
+}
+
+/// What a case may have for itself: constants of materials and damping, by their ids in the model.
+std::map<std::string, double> material_values(const Experiment& experiment) {
+  std::map<std::string, double> values;
+  for (const MaterialSettings& material : experiment.materials) {
+    for (const auto& [id, value] : material.constants) values[id + "_" + material.region] = value;
+  }
+  for (const auto& [region, value] : experiment.dynamics.mass_damping) values["mass_damping_" + region] = value;
+  for (const auto& [region, value] : experiment.dynamics.stiffness_damping)
+    values["stiffness_damping_" + region] = value;
+  return values;
+}
+
+/// A table of values of loads, { tip_load = "52 g" }.
+std::map<std::string, double> read_values(TableReader& table, std::string_view key, const Experiment& experiment) {
+  std::map<std::string, double> values;
+  auto loads = table.optional_table(key);
+  if (!loads) return values;
+  for (const LoadSettings& load : experiment.loads) {
+    if (loads->has(load.id)) values[load.id] = loads->quantity(load.id, load.quantity);
+  }
+  loads->finish();
+  return values;
+}
+
+/// Keys that [bench] gives for all recordings, and each of them for itself.
+void read_window(TableReader& table, RecordingSettings& settings) {
+  if (const auto from = table.optional_quantity("from", Quantity::time)) settings.from = *from;
+  if (const auto until = table.optional_quantity("until", Quantity::time)) settings.until = *until;
+  settings.every = table.integer("every", settings.every, 1);
+  if (const auto sigma = table.optional_quantity("sigma", Quantity::length)) {
+    if (!(*sigma > 0)) table.fail("sigma", "a standard deviation is positive");
+    settings.sigma = *sigma;
+  }
+}
+
+RecordingSettings read_recording(TableReader& table, const RecordingSettings& common, const Experiment& experiment) {
+  RecordingSettings recording = common;
+  recording.path = path_beside(experiment.path, table.text("file"));
+  recording.case_id = table.text("case");
+  recording.trial = table.text("trial", "");
+  recording.id = recording.case_id + (recording.trial.empty() ? "" : "_" + recording.trial);
+  recording.loads = read_values(table, "loads", experiment);
+  recording.held = read_values(table, "held", experiment);
+  recording.release = table.optional_quantity("release", Quantity::time).value_or(0);
+  read_window(table, recording);
+  if (!(recording.from < recording.until)) table.fail("", "'from' must be earlier than 'until'");
+  for (const auto& [id, value] : recording.held) {
+    if (recording.loads.count(id) > 0)
+      table.fail("held", fmt::format("'{}' is among 'loads' too; a load either stays or goes at the release", id));
+  }
+  table.finish();
+  for (size_t i = 0; i < experiment.bench.channels.size(); ++i) {
+    const InstrumentNoise& noise = experiment.bench.channels[i].noise;
+    if (recording.sigma == 0 && noise.absolute == 0 && noise.relative == 0 && noise.resolution == 0)
+      throw InputError(
+          fmt::format("{}: recording '{}' has no noise; add for example sigma = \"0.2 mm\" to it or to "
+                      "[bench], or noise to [[channel]] '{}'",
+                      experiment.path, recording.id, experiment.bench.channels[i].id));
+  }
+  return recording;
+}
+
+size_t column_of(const CsvTable& table, const std::string& name) {
+  const auto found = std::find(table.header.cells.begin(), table.header.cells.end(), name);
+  if (found != table.header.cells.end()) return static_cast<size_t>(found - table.header.cells.begin());
+  throw InputError(fmt::format("{}: there is no column '{}'{}; the file has: {}", table.at(table.header.line), name,
+                               did_you_mean(name, table.header.cells), listed(table.header.cells)));
+}
+
+double number_in(const CsvTable& table, const CsvTable::Row& row, size_t column) {
+  if (const std::optional<double> number = parse_number(row.cells[column])) return *number;
+  throw InputError(fmt::format("{}: '{}' is not a finite number; write a number like 12.5 or 1.25e1, or delete the row",
+                               table.at(row, column), shown(row.cells[column])));
+}
+
+void add_samples(const Experiment& experiment, size_t index, std::vector<Sample>& samples) {
+  const RecordingsSettings& bench = *experiment.recordings;
+  const RecordingSettings& recording = bench.recordings[index];
+  const CsvTable table = read_csv(recording.path);
+  check_cell_counts(table);
+  const size_t time_column = column_of(table, bench.time_column);
+  const double second = parse_header(bench.time_column, {Quantity::time}, table.at(table.header, time_column)).factor;
+  std::vector<double> times;
+  for (const CsvTable::Row& row : table.rows) {
+    times.push_back(second * number_in(table, row, time_column));
+    if (times.size() > 1 && !(times.back() > times[times.size() - 2]))
+      throw InputError(
+          fmt::format("{}: the time {} s is not after that of the line before, {} s; put the rows in order "
+                      "of time",
+                      table.at(row, time_column), times.back(), times[times.size() - 2]));
+  }
+  const auto chosen = [&](double time) { return time >= recording.from && time <= recording.until; };
+  if (std::none_of(times.begin(), times.end(), chosen))
+    throw InputError(fmt::format("{}: recording '{}' has no sample from {} s to {} s; mend 'from' and 'until'",
+                                 recording.path, recording.id, recording.from, recording.until));
+  for (size_t c = 0; c < experiment.bench.channels.size(); ++c) {
+    const BenchFormat::Channel& channel = experiment.bench.channels[c];
+    const size_t column = column_of(table, channel.column);
+    const double metre = parse_header(channel.column, {Quantity::length}, table.at(table.header, column)).factor;
+    std::vector<double> values;
+    for (const CsvTable::Row& row : table.rows) values.push_back(metre * number_in(table, row, column));
+    double reference = 0;
+    if (bench.from_mean_before) {
+      const auto before = std::lower_bound(times.begin(), times.end(), 0.0) - times.begin();
+      if (before == 0)
+        throw InputError(
+            fmt::format("{}: recording '{}' has no sample before time 0 whose mean could be the reference; "
+                        "give displacements and leave out reference = \"before\"",
+                        recording.path, recording.id));
+      for (auto i = 0; i < before; ++i) reference += values[static_cast<size_t>(i)] / static_cast<double>(before);
+    }
+    int left = 0;
+    for (size_t i = 0; i < times.size(); ++i) {
+      if (!chosen(times[i]) || left++ % recording.every != 0) continue;
+      Sample sample;
+      sample.recording = static_cast<int>(index);
+      sample.channel = static_cast<int>(c);
+      sample.line = table.rows[i].line;
+      sample.time = times[i];
+      sample.value = values[i] - reference;
+      sample.sigma = recording.sigma > 0 ? recording.sigma : channel.noise.sigma(sample.value);
+      samples.push_back(sample);
+    }
+  }
+}
+
+}  // namespace
+
+bool has_recordings(const std::string& path) {
+  try {
+    const toml::table file = parse_experiment_file(path);
+    return file["bench"]["kind"].value<std::string>() == "recordings";
+  } catch (const InputError&) {
+    return false;
+  }
+}
+
+void read_recordings(TableReader table, TableReader& root, Experiment& experiment) {
+  RecordingsSettings& bench = experiment.recordings.emplace();
+  bench.time_column = table.text("time");
+  parse_header(bench.time_column, {Quantity::time}, table.where("time"));
+  bench.from_mean_before = table.choice("reference", {"none", "before"}) == "before";
+  read_dynamics(root, experiment);
+  const std::map<std::string, double> values = material_values(experiment);
+  std::vector<std::string> allowed;
+  for (const auto& [id, value] : values) allowed.push_back(id);
+  bench.per_case = table.texts_or_none("per_case");
+  for (const std::string& id : bench.per_case) {
+    if (values.count(id) == 0)
+      table.fail("per_case", fmt::format("'{}' is no constant of a material{}; allowed: {}", id,
+                                         did_you_mean(id, allowed), join(allowed)));
+  }
+  RecordingSettings common;
+  read_window(table, common);
+  for (const BenchFormat::Channel& channel : experiment.bench.channels) {
+    if (channel.column.empty())
+      throw InputError(
+          fmt::format("{}: channel '{}': its column in the recordings is missing; add column = \"NAME_mm\"",
+                      experiment.path, channel.id));
+  }
+  if (!experiment.bench.controls.empty())
+    throw InputError(
+        fmt::format("{}: '{}' takes its values from a column, which recordings do not have; give a load "
+                    "'value' and each [[bench.recording]] its own, loads = {{ {} = ... }}",
+                    experiment.path, experiment.bench.controls.front().id, experiment.bench.controls.front().id));
+  for (const LoadSettings& load : experiment.loads) {
+    if (load.quantity == Quantity::mass && load.on.empty())
+      throw InputError(
+          fmt::format("{}: load '{}': a mass that moves hangs on a tag; use 'on'", experiment.path, load.id));
+  }
+  std::set<std::string> ids;
+  for (TableReader& one : table.tables("recording")) {
+    bench.recordings.push_back(read_recording(one, common, experiment));
+    if (!ids.insert(bench.recordings.back().id).second)
+      throw InputError(fmt::format("{}: the recording '{}' is there twice; tell repeats of a case apart by 'trial'",
+                                   experiment.path, bench.recordings.back().id));
+  }
+  if (bench.recordings.empty()) table.fail("", "there is no recording; add [[bench.recording]] with file and case");
+  table.finish();
+}
+
+std::vector<Sample> read_samples(const Experiment& experiment) {
+  std::vector<Sample> samples;
+  for (size_t i = 0; i < experiment.recordings->recordings.size(); ++i) add_samples(experiment, i, samples);
+  return samples;
+}
+
+void add_dynamics(const DynamicsSettings& dynamics, const MaterialSettings& material, SceneBuilder& builder) {
+  const std::string& region = material.region;
+  int mass_damping = -1;
+  if (dynamics.mass_damping.count(region) > 0)
+    mass_damping = builder.declare(
+        {"mass_damping_" + region, "alpha", "1/s", 0, 1e6, "damping of " + region + " in proportion to its mass"},
+        dynamics.mass_damping.at(region));
+  builder.add_inertia(region, *material.density, dynamics.mass, mass_damping);
+  if (dynamics.stiffness_damping.count(region) == 0) return;
+  builder.add_viscosity(region, builder.declare({"stiffness_damping_" + region, "beta", "s", 0, 1e3,
+                                                 "damping of " + region + " in proportion to its stiffness"},
+                                                dynamics.stiffness_damping.at(region)));
+}
+
+std::vector<Recording> declare_recordings(const Experiment& experiment, SceneBuilder& builder) {
+  std::vector<Recording> recordings;
+  const std::map<std::string, double> values = material_values(experiment);
+  const ParameterTable& table = builder.parameters();
+  const auto copy_of = [&](int index, const std::string& of, double value) {
+    ParameterSpec spec = table[index];
+    spec.id += "_" + of;
+    spec.meaning += ", " + of;
+    return table.contains(spec.id) ? table.index(spec.id) : builder.declare(spec, value);
+  };
+  for (const RecordingSettings& settings : experiment.recordings->recordings) {
+    Recording recording;
+    recording.id = settings.id;
+    for (const auto& [id, value] : settings.loads) recording.set.emplace_back(table.index(id), value);
+    for (const auto& [id, value] : settings.held) {
+      const int index = table.index(id);
+      recording.held.emplace_back(index, copy_of(index, settings.id, value));
+    }
+    for (const std::string& id : experiment.recordings->per_case) {
+      const int index = table.index(id);
+      recording.takes.emplace_back(index, copy_of(index, settings.case_id, values.at(id)));
+    }
+    recording.release = builder.declare(
+        {"release_" + settings.id, "t0", "s", -1e6, 1e6, "time of the release of " + settings.id}, settings.release);
+    recordings.push_back(std::move(recording));
+  }
+  return recordings;
+}
+
+RecordingBench make_recording_bench(const Experiment& experiment, const MeshSettings& settings,
+                                    const std::vector<Sample>& samples) {
+  BenchModel model = make_model(experiment, settings, {});
+  RecordingBench bench;
+  std::vector<RecordingRow> rows;
+  for (const Sample& sample : samples) {
+    const int row = static_cast<int>(rows.size());
+    rows.push_back({sample.recording, sample.channel, sample.time});
+    bench.measurements.push_back({row, sample.value, sample.sigma, row});
+  }
+  RecordingProtocol::Options options;
+  options.integrator = experiment.dynamics.integrator;
+  options.step = experiment.dynamics.step;
+  options.equilibrium = experiment.equilibrium;
+  options.threads = experiment.threads;
+  bench.protocol =
+      std::make_unique<RecordingProtocol>(std::move(model.scene), std::move(model.channels), model.switched_off_at_rest,
+                                          std::move(model.recordings), rows, options);
+  return bench;
+}
+
+}  // namespace taut

@@ -1,0 +1,10 @@
+#pragma once
+#include "experiments/commands.hpp"
+
+namespace taut {
+
+/// Runs a simulation file: states as VTU, channels as CSV, figures, a strip, an animation and report.html in a run
+/// folder; a summary on stdout.
+int simulate_command(const CommandOptions& options);
+
+}  // namespace taut

@@ -1,0 +1,29 @@
+#pragma once
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "reports/figures.hpp"
+#include "reports/simulation_record.hpp"
+
+/// The figures of a simulation. Every title says that it is one. Used inside reports/ only.
+namespace taut::plot {
+
+/// All channels of one SI unit over the samples, with the controls that move below; nothing without such channels.
+std::optional<Drawing> channels_of_unit(const SimulationRecord& record, const std::string& si_unit);
+
+/// A plot of the record, one panel per unit of its y; start and end are marked when x is not the sample variable.
+Drawing asked_plot(const SimulationRecord& record, const SimulationRecord::Plot& plot);
+
+/// Reachable points with outlines and areas, axes equal; nothing without workspaces.
+std::optional<Drawing> workspaces(const SimulationRecord& record);
+
+/// 5 to 8 stored states (all when there are fewer) beside each other, evenly chosen, in one window and scale: filled
+/// regions in 2D; in 3D an isometric view with shaded facets, painted from the farthest to the nearest. The CSV holds
+/// what is drawn, in millimetres; in 3D right, up and towards the viewer.
+Drawing strip(const SimulationRecord& record);
+
+/// Draws all of them into `folder`/figures, the strip first. Needs gnuplot; throws InputError without it.
+std::vector<Figure> draw_simulation(const SimulationRecord& record, const std::string& folder);
+
+}  // namespace taut::plot

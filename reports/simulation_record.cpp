@@ -1,0 +1,117 @@
+#include "reports/simulation_record.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <stdexcept>
+
+#include "sim/core/error.hpp"
+
+namespace taut {
+
+std::vector<const Series*> all_series(const SimulationRecord& record) {
+  std::vector<const Series*> all;
+  for (const Series& control : record.controls) {
+    if (control.id != record.sample_name) all.push_back(&control);
+  }
+  for (const Series& channel : record.channels) all.push_back(&channel);
+  return all;
+}
+
+void check(const SimulationRecord& record) {
+  const size_t samples = record.samples.size();
+  std::vector<std::string> ids = {record.sample_name};
+  for (const std::vector<Series>* list : {&record.controls, &record.channels}) {
+    for (const Series& series : *list) {
+      if (series.values.size() != samples) {
+        throw std::logic_error(fmt::format("simulation record: series '{}' has {} values for {} samples", series.id,
+                                           series.values.size(), samples));
+      }
+    }
+  }
+  for (const Series* series : all_series(record)) {
+    if (std::ranges::find(ids, series->id) != ids.end()) {
+      throw InputError(
+          fmt::format("{}: two columns of the results would be called '{}'; give each control and channel its own name",
+                      record.name, series->id));
+    }
+    ids.push_back(series->id);
+  }
+  if (record.frames.empty() || record.frames.size() != record.states.size()) {
+    throw std::logic_error(
+        fmt::format("simulation record: {} states for {} frames", record.states.size(), record.frames.size()));
+  }
+  for (size_t i = 0; i < record.frames.size(); ++i) {
+    const int frame = record.frames[i];
+    if (frame < 0 || static_cast<size_t>(frame) >= samples || (i > 0 && frame <= record.frames[i - 1])) {
+      throw std::logic_error(fmt::format("simulation record: frame {} at sample {} of {}", i, frame, samples));
+    }
+    if (record.states[i].size() != record.mesh.X.size()) {
+      throw std::logic_error(fmt::format("simulation record: state {} has {} unknowns, the mesh {}", i,
+                                         record.states[i].size(), record.mesh.X.size()));
+    }
+  }
+  for (const SimulationRecord::Plot& plot : record.plots) {
+    std::vector<std::string> wanted = plot.y;
+    if (!plot.x.empty()) wanted.push_back(plot.x);
+    for (const std::string& id : wanted) {
+      if (std::ranges::find(ids, id) == ids.end()) {
+        throw InputError(fmt::format("{}, plot '{}': there is no control or channel '{}'{}; name one of: {}",
+                                     record.name, plot.id, id, did_you_mean(id, ids), join(ids)));
+      }
+    }
+  }
+}
+
+std::string file_name_of(const std::string& text) {
+  std::string name = text;
+  for (char& c : name) {
+    const bool plain =
+        (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' || c == '_' || c == '.';
+    if (!plain) c = '_';
+  }
+  return name.empty() || name.front() == '.' ? "_" + name : name;
+}
+
+WrittenUnit written_unit(const std::string& si_unit) {
+  if (si_unit == "m") return {"mm", "mm", 1e-3};
+  if (si_unit == "m/s") return {"mm_per_s", "mm/s", 1e-3};
+  if (si_unit == "m2") return {"cm2", "cm²", 1e-4};
+  if (si_unit == "rad") return {"deg", "deg", std::numbers::pi / 180};
+  if (si_unit == "Pa") return {"kPa", "kPa", 1e3};
+  if (si_unit == "1" || si_unit.empty()) return {"1", "", 1};
+  std::string suffix;
+  for (const char c : si_unit) suffix += c == '/' ? std::string("_per_") : std::string(1, c);
+  return {suffix, si_unit, 1};
+}
+
+WrittenUnit shown_unit(const std::string& si_unit, double largest) {
+  const bool small = largest > 0 && largest < 0.1;
+  for (const char* unit : {"N", "Nm", "J", "s"}) {
+    if (small && si_unit == unit) return {si_unit, si_unit == "Nm" ? "N mm" : "m" + si_unit, 1e-3};
+  }
+  return written_unit(si_unit);
+}
+
+WrittenUnit shown_unit(const std::string& si_unit, const std::vector<double>& values) {
+  double largest = 0;
+  for (const double value : values) {
+    if (std::isfinite(value)) largest = std::max(largest, std::abs(value));
+  }
+  return shown_unit(si_unit, largest);
+}
+
+SampleLabel::SampleLabel(const SimulationRecord& record) : unit_(shown_unit(record.sample_unit, record.samples)) {
+  const auto [low, high] = std::ranges::minmax(record.samples);
+  const double range = (high - low) / unit_.factor;
+  decimals_ = range > 0 ? std::clamp(2 - static_cast<int>(std::floor(std::log10(range))), 0, 9) : 2;
+}
+
+std::string SampleLabel::operator()(double sample) const {
+  return fmt::format("{:.{}f}{}{}", sample / unit_.factor + 0.0, decimals_, unit_.label.empty() ? "" : " ",
+                     unit_.label);
+}
+
+}  // namespace taut

@@ -1,0 +1,96 @@
+#pragma once
+#include <Eigen/Core>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "sim/mesh/mesh.hpp"
+#include "sim/terms/cable.hpp"
+
+namespace taut {
+
+/// A quantity over the samples of a simulation.
+struct Series {
+  std::string id;              ///< "tip_y", column name without unit
+  std::string unit;            ///< SI unit as in ParameterSpec ("m", "N", "rad", "Nm", "J", "1", "s")
+  std::string meaning;         ///< axis label for people
+  std::vector<double> values;  ///< SI, one per sample; NaN where there is none
+};
+
+/// A line drawn through material points (a cable) or fixed in space.
+struct DrawnLine {
+  std::string id;
+  std::vector<CablePoint> points;
+};
+
+/// Everything that a simulation found, as plain data: states of a mesh over time, or over a control where the run is a
+/// sequence of equilibria. All files of its folder are functions of it.
+struct SimulationRecord {
+  std::string name, title;
+  std::string description;  ///< a sentence or two, from the experiment file
+  Mesh mesh;
+  std::vector<DrawnLine> lines;
+  std::vector<std::vector<Eigen::VectorXd>> obstacles;               ///< fixed polylines [m]
+  std::vector<std::pair<Eigen::VectorXd, Eigen::VectorXd>> grounds;  ///< point [m] and normal into the free side
+  std::string sample_name = "time", sample_unit = "s";               ///< what the samples run over
+  std::vector<double> samples;                                       ///< SI; every series has a value at each
+  std::vector<Series> controls, channels;
+  std::vector<int> frames;              ///< samples with a stored state, ascending
+  std::vector<Eigen::VectorXd> states;  ///< u of each frame [m], all unknowns
+  /// A plot that the experiment asks for. Ids are those of series; x "" or `sample_name` is the sample variable.
+  struct Plot {
+    std::string id, title, x;
+    std::vector<std::string> y;
+  };
+  std::vector<Plot> plots;  ///< beside those of all channels of one unit, which come by themselves
+  /// Reachable points of a chosen place in one actuation mode, with an outline [m] and its area [m^2].
+  struct Workspace {
+    std::string mode;
+    std::vector<Eigen::Vector2d> points;
+    double area;
+    std::vector<Eigen::Vector2d> outline;
+  };
+  std::vector<Workspace> workspaces;
+  std::vector<std::pair<std::string, std::string>> facts;  ///< label and text: integrator, steps, time, checks
+  std::string command_line, version, experiment_text;
+};
+
+/// Throws std::logic_error for a series whose length is not the number of samples, frames that are none, not ascending
+/// or outside the samples, and states that do not fit frames or mesh; InputError for two series of one id, and for a
+/// plot of a series that does not exist, with the nearest name.
+void check(const SimulationRecord& record);
+
+/// Controls, then channels; a control that is the sample variable itself is left out.
+std::vector<const Series*> all_series(const SimulationRecord& record);
+
+/// `text` with everything but letters, digits, '-', '_' and '.' made '_': a part of a file name.
+std::string file_name_of(const std::string& text);
+
+/// The unit in which a quantity of this SI unit is written to CSV files: millimetres, degrees, kilopascals, cm2, else
+/// SI. `suffix` ends a column name as parse_header() reads it ("N_per_m").
+struct WrittenUnit {
+  std::string suffix, label;
+  double factor;  ///< SI value of one unit
+};
+WrittenUnit written_unit(const std::string& si_unit);
+
+/// The same for figures: forces, torques, energies and times whose largest size is below 0.1 get a thousandth.
+WrittenUnit shown_unit(const std::string& si_unit, double largest);
+
+/// The unit that fits `values`.
+WrittenUnit shown_unit(const std::string& si_unit, const std::vector<double>& values);
+
+/// Labels of the record's samples with as many digits as their range needs: "0.25 s".
+class SampleLabel {
+ public:
+  explicit SampleLabel(const SimulationRecord& record);
+  std::string operator()(double sample) const;
+  const WrittenUnit& unit() const { return unit_; }
+  int decimals() const { return decimals_; }
+
+ private:
+  WrittenUnit unit_;
+  int decimals_;
+};
+
+}  // namespace taut

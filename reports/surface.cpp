@@ -1,0 +1,240 @@
+#include "reports/surface.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <numbers>
+
+#include "reports/gnuplot.hpp"
+#include "sim/mesh/loops.hpp"
+#include "sim/mesh/topology.hpp"
+
+namespace taut::plot {
+namespace {
+
+constexpr double kReach = 0.25;   // of obstacles and grounds that are shown, relative to the diagonal
+constexpr double kEdgeOn = 0.01;  // cosine of the angle to the viewer below which a triangle is not seen
+
+std::array<int, 3> vertices_of(const int* nodes) {
+  std::array<int, 3> vertices = {nodes[0], nodes[1], nodes[2]};
+  std::ranges::sort(vertices);
+  return vertices;
+}
+
+/// Triangles of the boundary in the mesh's own numbers.
+std::vector<Surface::Triangle> boundary_triangles(const Mesh& mesh) {
+  std::map<std::array<int, 3>, int> region_of;
+  const ReferenceFacets facets = facets_of(mesh.shape);
+  for (int e = 0; e < mesh.element_count(); ++e) {
+    for (int f = 0; f < facets.count; ++f) {
+      const int* local = &facets.nodes[f * facets.nodes_per_facet];
+      const int* nodes = mesh.element(e);
+      region_of[vertices_of(std::array{nodes[local[0]], nodes[local[1]], nodes[local[2]]}.data())] =
+          mesh.region[static_cast<size_t>(e)];
+    }
+  }
+  std::vector<Surface::Triangle> triangles;
+  const Tag tag = boundary(mesh);
+  for (int i = 0; i < tag.count(); ++i) {
+    const int* n = &tag.entities[static_cast<size_t>(i) * tag.nodes_per_entity];
+    const int region = region_of.at(vertices_of(n));
+    if (tag.nodes_per_entity == 3) {
+      triangles.push_back({region, {n[0], n[1], n[2]}});
+    } else {
+      for (const std::array<int, 3>& part :
+           {std::array{n[0], n[3], n[5]}, {n[3], n[1], n[4]}, {n[5], n[4], n[2]}, {n[3], n[4], n[5]}}) {
+        triangles.push_back({region, part});
+      }
+    }
+  }
+  return triangles;
+}
+
+/// Two directions along a plane in space.
+std::pair<Eigen::Vector3d, Eigen::Vector3d> along_plane(const Eigen::Vector3d& normal) {
+  const Eigen::Vector3d other =
+      std::abs(normal.x()) < 0.9 * normal.norm() ? Eigen::Vector3d::UnitX().eval() : Eigen::Vector3d::UnitY().eval();
+  const Eigen::Vector3d first = (other - normal * (normal.dot(other) / normal.squaredNorm())).normalized();
+  return {first, normal.normalized().cross(first)};
+}
+
+}  // namespace
+
+Surface surface_of(const Mesh& mesh) {
+  Surface surface;
+  if (mesh.dimension() == 2) {
+    for (size_t r = 0; r < mesh.region_names.size(); ++r) {
+      for (const std::vector<int>& loop : region_loops(mesh, static_cast<int>(r))) {
+        surface.loops.push_back({static_cast<int>(r), loop});
+      }
+    }
+  } else {
+    surface.triangles = boundary_triangles(mesh);
+  }
+  std::vector<int> place(static_cast<size_t>(mesh.node_count()), -1);
+  const auto each_point = [&](auto&& action) {
+    for (Surface::Loop& loop : surface.loops) std::ranges::for_each(loop.points, action);
+    for (Surface::Triangle& triangle : surface.triangles) std::ranges::for_each(triangle.points, action);
+  };
+  each_point([&](int node) { place[static_cast<size_t>(node)] = 0; });
+  for (size_t node = 0; node < place.size(); ++node) {
+    if (place[node] < 0) continue;
+    place[node] = static_cast<int>(surface.nodes.size());
+    surface.nodes.push_back(static_cast<int>(node));
+  }
+  each_point([&](int& node) { node = place[static_cast<size_t>(node)]; });
+  return surface;
+}
+
+Eigen::MatrixXd positions(const Surface& surface, const Mesh& mesh, const Eigen::VectorXd& u) {
+  const int d = mesh.dimension();
+  Eigen::MatrixXd x(d, static_cast<Eigen::Index>(surface.nodes.size()));
+  for (size_t i = 0; i < surface.nodes.size(); ++i) {
+    const Eigen::Index at = static_cast<Eigen::Index>(surface.nodes[i]) * d;
+    x.col(static_cast<Eigen::Index>(i)) = mesh.X.segment(at, d) + u.segment(at, d);
+  }
+  return x;
+}
+
+Eigen::MatrixXd positions(const DrawnLine& line, const Mesh& mesh, const Eigen::VectorXd& u) {
+  const int d = mesh.dimension();
+  Eigen::MatrixXd x = Eigen::MatrixXd::Zero(d, static_cast<Eigen::Index>(line.points.size()));
+  for (size_t i = 0; i < line.points.size(); ++i) {
+    const CablePoint& point = line.points[i];
+    auto at = x.col(static_cast<Eigen::Index>(i));
+    if (point.material.nodes.empty()) at = point.fixed;
+    for (size_t k = 0; k < point.material.nodes.size(); ++k) {
+      const Eigen::Index dof = static_cast<Eigen::Index>(point.material.nodes[k]) * d;
+      at += point.material.weights[k] * (mesh.X.segment(dof, d) + u.segment(dof, d));
+    }
+  }
+  return x;
+}
+
+void Bounds::include(const Eigen::VectorXd& point) {
+  if (lower.size() == 0) lower = upper = point;
+  lower = lower.cwiseMin(point);
+  upper = upper.cwiseMax(point);
+}
+
+Bounds bounds_of(const SimulationRecord& record) {
+  const int d = record.mesh.dimension();
+  Bounds bounds;
+  for (const Eigen::VectorXd& u : record.states) {
+    for (int i = 0; i < record.mesh.node_count(); ++i) bounds.include(record.mesh.node(i) + u.segment(i * d, d));
+    for (const DrawnLine& line : record.lines) {
+      const Eigen::MatrixXd x = positions(line, record.mesh, u);
+      for (const auto& point : x.colwise()) bounds.include(point);
+    }
+  }
+  const Bounds bodies = bounds;
+  const double reach = kReach * bodies.diagonal();
+  const Eigen::VectorXd low = bodies.lower.array() - reach, high = bodies.upper.array() + reach;
+  for (const std::vector<Eigen::VectorXd>& obstacle : record.obstacles) {
+    for (size_t i = 0; i + 1 < obstacle.size(); ++i) {
+      // The part of the segment within reach (Liang and Barsky).
+      const Eigen::VectorXd along = obstacle[i + 1] - obstacle[i];
+      double first = 0, last = 1;
+      for (int c = 0; c < d; ++c) {
+        double enter = (low[c] - obstacle[i][c]) / along[c], leave = (high[c] - obstacle[i][c]) / along[c];
+        if (along[c] == 0) {
+          enter = 0;
+          leave = obstacle[i][c] >= low[c] && obstacle[i][c] <= high[c] ? 1 : -1;
+        } else if (enter > leave) {
+          std::swap(enter, leave);
+        }
+        first = std::max(first, enter);
+        last = std::min(last, leave);
+      }
+      if (first > last) continue;
+      bounds.include(obstacle[i] + first * along);
+      bounds.include(obstacle[i] + last * along);
+    }
+  }
+  for (const auto& [point, normal] : record.grounds) {
+    const Eigen::VectorXd n = normal.normalized();
+    Eigen::VectorXd lowest(d);  // the corner of the bodies' box that is nearest to the ground
+    for (int c = 0; c < d; ++c) lowest[c] = n[c] > 0 ? bodies.lower[c] : bodies.upper[c];
+    const double height = (lowest - point).dot(n);
+    if (height < reach) bounds.include(lowest - height * n);
+  }
+  return bounds;
+}
+
+std::vector<std::pair<Eigen::VectorXd, Eigen::VectorXd>> ground_strokes(const SimulationRecord& record,
+                                                                        const Bounds& bounds) {
+  std::vector<std::pair<Eigen::VectorXd, Eigen::VectorXd>> strokes;
+  const double size = bounds.diagonal();
+  const Eigen::VectorXd middle = (bounds.lower + bounds.upper) / 2;
+  for (const auto& [point, normal] : record.grounds) {
+    const Eigen::VectorXd n = normal.normalized();
+    const Eigen::VectorXd foot = middle - (middle - point).dot(n) * n;
+    if (record.mesh.dimension() == 2) {
+      const Eigen::Vector2d along(n[1], -n[0]);
+      const double reach = 1.5 * size, spacing = 0.025 * size;
+      strokes.emplace_back(foot - reach * along, foot + reach * along);
+      for (double s = -reach; s < reach; s += spacing) {
+        const Eigen::VectorXd from = foot + s * along;
+        strokes.emplace_back(from, from - 0.7 * spacing * (along + n));
+      }
+    } else {
+      const auto [a, b] = along_plane(n);
+      const double reach = 0.5 * size;
+      for (int i = -4; i <= 4; ++i) {
+        const double s = reach * i / 4;
+        strokes.emplace_back(foot + s * a - reach * b, foot + s * a + reach * b);
+        strokes.emplace_back(foot + s * b - reach * a, foot + s * b + reach * a);
+      }
+    }
+  }
+  return strokes;
+}
+
+View::View(double azimuth, double elevation)
+    : right(-std::sin(azimuth), std::cos(azimuth), 0),
+      up(-std::sin(elevation) * std::cos(azimuth), -std::sin(elevation) * std::sin(azimuth), std::cos(elevation)),
+      toward(std::cos(elevation) * std::cos(azimuth), std::cos(elevation) * std::sin(azimuth), std::sin(elevation)) {}
+
+View isometric_view() {
+  return {-std::numbers::pi / 4, std::atan(std::sqrt(0.5))};
+}
+
+std::vector<Painted> painted(const Surface& surface, const Eigen::MatrixXd& x, const View& view) {
+  const Eigen::Vector3d light = (-0.4 * view.right + 0.7 * view.up + 0.6 * view.toward).normalized();
+  std::vector<Painted> visible;
+  std::vector<double> depth(surface.triangles.size());
+  for (size_t i = 0; i < surface.triangles.size(); ++i) {
+    const auto& [a, b, c] = surface.triangles[i].points;
+    const Eigen::Vector3d xa = x.col(a), xb = x.col(b), xc = x.col(c);
+    const Eigen::Vector3d normal = (xb - xa).cross(xc - xa).normalized();
+    if (normal.dot(view.toward) <= kEdgeOn) continue;
+    depth[i] = view.toward.dot(xa + xb + xc);
+    visible.push_back({static_cast<int>(i), 0.75 + 0.25 * normal.dot(light)});
+  }
+  std::ranges::stable_sort(visible, {}, [&](const Painted& p) { return depth[static_cast<size_t>(p.triangle)]; });
+  return visible;
+}
+
+std::string body_colour(const std::string& region, size_t i) {
+  static const std::array<const char*, 5> others = {"#8fc1a9", "#c9a5c4", "#a8bcd8", "#d8b08c", "#b9b9a0"};
+  return region == "foam" ? "#f2c84b" : region == "plastic" ? "#595f67" : others[i % others.size()];
+}
+
+bool lines_are_told_apart(size_t count) {
+  return count <= 4;
+}
+
+std::string line_colour(size_t i, size_t count) {
+  static const std::array<const char*, 4> own = {"#d55e00", "#0072b2", "#009e73", "#a0337e"};
+  return lines_are_told_apart(count) ? own[i] : own[0];
+}
+
+std::vector<size_t> evenly_chosen(size_t count, size_t most) {
+  std::vector<size_t> chosen;
+  const size_t kept = std::min(count, most);
+  for (size_t i = 0; i < kept; ++i) chosen.push_back(kept == 1 ? 0 : (i * (count - 1) + (kept - 1) / 2) / (kept - 1));
+  return chosen;
+}
+
+}  // namespace taut::plot

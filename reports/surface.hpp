@@ -1,0 +1,80 @@
+#pragma once
+#include <Eigen/Core>
+#include <array>
+#include <string>
+#include <vector>
+
+#include "reports/simulation_record.hpp"
+
+/// What is seen of a moving mesh and its surroundings, for the pictures of a simulation. Used inside reports/ only.
+namespace taut::plot {
+
+/// The visible nodes of a mesh: in 2D closed lines around its regions (mid-nodes included), in 3D the triangles of its
+/// boundary, outward oriented; facets of quadratic elements are four of them. Both count in `nodes`.
+struct Surface {
+  std::vector<int> nodes;  ///< of the mesh, ascending
+  struct Loop {
+    int region;
+    std::vector<int> points;  ///< anticlockwise around the region, clockwise around its holes
+  };
+  std::vector<Loop> loops;
+  struct Triangle {
+    int region;
+    std::array<int, 3> points;
+  };
+  std::vector<Triangle> triangles;
+};
+Surface surface_of(const Mesh& mesh);
+
+/// Positions x = X + u [m], one column per point: of a surface, and of a line.
+Eigen::MatrixXd positions(const Surface& surface, const Mesh& mesh, const Eigen::VectorXd& u);
+Eigen::MatrixXd positions(const DrawnLine& line, const Mesh& mesh, const Eigen::VectorXd& u);
+
+/// A box along the axes [m].
+struct Bounds {
+  Eigen::VectorXd lower, upper;
+  void include(const Eigen::VectorXd& point);
+  double diagonal() const { return (upper - lower).norm(); }
+};
+
+/// The window of all pictures of a run: all nodes and lines in all stored states, and what lies within a quarter of
+/// their diagonal of obstacles and grounds.
+Bounds bounds_of(const SimulationRecord& record);
+
+/// Grounds as they are drawn [m]: pairs of points, of the surface and of hatching behind it in 2D, of a square grid in
+/// 3D.
+std::vector<std::pair<Eigen::VectorXd, Eigen::VectorXd>> ground_strokes(const SimulationRecord& record,
+                                                                        const Bounds& bounds);
+
+/// An orthographic view: unit vectors to the right, upwards (z is up in space) and from the scene to the viewer.
+struct View {
+  Eigen::Vector3d right, up, toward;
+  /// Azimuth and elevation of the viewer [rad].
+  View(double azimuth, double elevation);
+  Eigen::Vector3d operator()(const Eigen::Vector3d& x) const { return {right.dot(x), up.dot(x), toward.dot(x)}; }
+};
+/// Isometric: all three axes equally long, x to the lower right.
+View isometric_view();
+
+/// Triangles that face the viewer (not those seen edge-on), the farthest first (painter's algorithm, by their centres),
+/// with the brightness in (0, 1] that a light over the viewer's left shoulder gives them.
+struct Painted {
+  int triangle;
+  double brightness;
+};
+std::vector<Painted> painted(const Surface& surface, const Eigen::MatrixXd& x, const View& view);
+
+/// Colours of the bodies: yellow for foam, dark grey for plastic, others in order of `i`.
+std::string body_colour(const std::string& region, size_t i);
+/// Colour of the i-th of `count` lines; many are all alike.
+std::string line_colour(size_t i, size_t count);
+/// Whether lines have their own colours, and names in legends.
+bool lines_are_told_apart(size_t count);
+
+inline constexpr const char* kGround = "#8a8278";
+inline constexpr const char* kObstacle = "#5a3d2b";
+
+/// About `most` of `count` items, evenly chosen, the first and the last among them.
+std::vector<size_t> evenly_chosen(size_t count, size_t most);
+
+}  // namespace taut::plot

@@ -1,0 +1,474 @@
+#include "sim/terms/inertia.hpp"
+
+#include <Eigen/LU>
+#include <cmath>
+
+#include "sim/mesh/shape_functions.hpp"
+#include "sim/terms/load.hpp"
+
+namespace taut {
+namespace {
+
+/// v at node i: the rate of u within the step.
+template <int D>
+Eigen::Matrix<double, D, 1> rate_at(const TimeStep& step, const Eigen::VectorXd& u, int node) {
+  const Eigen::Index i = static_cast<Eigen::Index>(node) * D;
+  Eigen::Matrix<double, D, 1> v = step.rate[0] * u.segment<D>(i) + step.rate[1] * step.previous.segment<D>(i);
+  if (step.rate[2] != 0) v += step.rate[2] * step.before.segment<D>(i);
+  return v;
+}
+
+/// What a rate's derivative with respect to a state of the past is.
+double rate_of(const TimeStep& step, History q) {
+  return q == History::previous ? step.rate[1] : q == History::before ? step.rate[2] : 0.0;
+}
+
+/// Exact element mass matrix of unit density on a straight-sided simplex of unit measure, from
+/// integral L^a L^b ... = d! prod(a_i!) / (d + sum a_i)!.
+template <ElementShape S>
+Eigen::Matrix<double, nodes_of(S), nodes_of(S)> unit_mass() {
+  constexpr int D = dimension_of(S), N = nodes_of(S);
+  // Each shape function is a sum of monomials in the barycentric coordinates: coefficient and powers.
+  struct Monomial {
+    double coefficient;
+    std::array<int, D + 1> power;
+  };
+  std::array<std::vector<Monomial>, N> shape;
+  for (int a = 0; a <= D; ++a) {
+    std::array<int, D + 1> one{}, two{};
+    one[static_cast<size_t>(a)] = 1;
+    two[static_cast<size_t>(a)] = 2;
+    if (order_of(S) == 1)
+      shape[static_cast<size_t>(a)] = {{1.0, one}};
+    else
+      shape[static_cast<size_t>(a)] = {{2.0, two}, {-1.0, one}};
+  }
+  for (int e = D + 1; e < N; ++e) {
+    const auto [i, j] = ReferenceElement<S>::edges[static_cast<size_t>(e - D - 1)];
+    std::array<int, D + 1> both{};
+    both[static_cast<size_t>(i)] = both[static_cast<size_t>(j)] = 1;
+    shape[static_cast<size_t>(e)] = {{4.0, both}};
+  }
+  auto factorial = [](int n) { return std::tgamma(n + 1.0); };
+  Eigen::Matrix<double, N, N> M;
+  for (int a = 0; a < N; ++a) {
+    for (int b = 0; b < N; ++b) {
+      double sum = 0;
+      for (const Monomial& p : shape[static_cast<size_t>(a)]) {
+        for (const Monomial& q : shape[static_cast<size_t>(b)]) {
+          double product = factorial(D);
+          int total = D;
+          for (size_t k = 0; k <= D; ++k) {
+            product *= factorial(p.power[k] + q.power[k]);
+            total += p.power[k] + q.power[k];
+          }
+          sum += p.coefficient * q.coefficient * product / factorial(total);
+        }
+      }
+      M(a, b) = sum;
+    }
+  }
+  return M;
+}
+
+template <ElementShape S>
+class Inertia final : public Term {
+  static constexpr int D = dimension_of(S), N = nodes_of(S), DN = D * N;
+  using Local = Eigen::Matrix<double, D, N>;
+
+ public:
+  Inertia(const Mesh& mesh, const InertiaDefinition& definition) : definition_(definition), mass_(unit_mass<S>()) {
+    if (definition.form == MassForm::lumped) {
+      const Eigen::Matrix<double, N, 1> diagonal = mass_.diagonal();
+      mass_ = (diagonal / diagonal.sum()).asDiagonal();
+    }
+    for (int e = 0; e < mesh.element_count(); ++e) {
+      if (mesh.region[static_cast<size_t>(e)] != definition.region) continue;
+      Element element;
+      std::copy_n(mesh.element(e), N, element.nodes.begin());
+      Eigen::Matrix<double, D, D> edges;
+      for (int i = 0; i < D; ++i)
+        edges.col(i) =
+            mesh.X.template segment<D>(mesh.element(e)[i + 1] * D) - mesh.X.template segment<D>(mesh.element(e)[0] * D);
+      element.measure = edges.determinant() / (D == 2 ? 2.0 : 6.0);
+      elements_.push_back(element);
+    }
+  }
+
+  Cliques cliques() const override {
+    Cliques list;
+    for (const Element& element : elements_) list.add(element.nodes);
+    return list;
+  }
+
+  void assemble(const Point& at, Assembly& out) const override {
+    if (at.step == nullptr) return;
+    const TimeStep& step = *at.step;
+    const double rho = density(at.p), alpha = definition_.damping < 0 ? 0.0 : at.p[definition_.damping];
+    for (size_t e = 0; e < elements_.size(); ++e) {
+      const Element& element = elements_[e];
+      const double m = rho * element.measure;
+      Local away, v = Local::Zero();  // from the reference, and velocity
+      for (int a = 0; a < N; ++a) {
+        const Eigen::Index i = static_cast<Eigen::Index>(element.nodes[static_cast<size_t>(a)]) * D;
+        away.col(a) = at.u.segment<D>(i) - step.reference.segment<D>(i);
+        if (alpha != 0) v.col(a) = rate_at<D>(step, at.u, element.nodes[static_cast<size_t>(a)]);
+      }
+      const Local force = m * step.inertia * away * mass_, drag = m * alpha * v * mass_;
+      out.add_energy(0.5 * force.cwiseProduct(away).sum());
+      if (alpha != 0) out.add_energy(0.5 / step.rate[0] * drag.cwiseProduct(v).sum());
+      if (out.gradient != nullptr) {
+        const Local both = force + drag;
+        out.add_gradient(element.nodes.data(), N, D, both.data());
+      }
+      if (out.wants_hessian()) {
+        Eigen::Matrix<double, DN, DN> K = Eigen::Matrix<double, DN, DN>::Zero();
+        const double factor = m * (step.inertia + alpha * step.rate[0]);
+        for (int a = 0; a < N; ++a) {
+          for (int b = 0; b < N; ++b) {
+            for (int i = 0; i < D; ++i) K(a * D + i, b * D + i) = factor * mass_(a, b);
+          }
+        }
+        out.add_hessian(static_cast<int>(e), element.nodes.data(), N, D, K.data());
+      }
+    }
+  }
+
+  bool depends_on(int index) const override {
+    return index == definition_.density || index == definition_.thickness ||
+           (index >= 0 && index == definition_.damping);
+  }
+
+  void add_parameter_gradient(const Point& at, int index, Eigen::VectorXd& out) const override {
+    if (at.step == nullptr) return;
+    const TimeStep& step = *at.step;
+    const bool damping = index == definition_.damping;
+    const double rho = density(at.p), alpha = definition_.damping < 0 ? 0.0 : at.p[definition_.damping];
+    for (const Element& element : elements_) {
+      Local source;
+      for (int a = 0; a < N; ++a) {
+        const int node = element.nodes[static_cast<size_t>(a)];
+        const Eigen::Index i = static_cast<Eigen::Index>(node) * D;
+        const Eigen::Matrix<double, D, 1> v = rate_at<D>(step, at.u, node);
+        source.col(a) = damping ? v : step.inertia * (at.u.segment<D>(i) - step.reference.segment<D>(i)) + alpha * v;
+      }
+      scatter(element, (damping ? rho : rho / at.p[index]) * element.measure * source * mass_, out);
+    }
+  }
+
+  void add_history_product(const Point& at, History q, const Eigen::VectorXd& x, bool,
+                           Eigen::VectorXd& out) const override {
+    if (at.step == nullptr) return;
+    const double alpha = definition_.damping < 0 ? 0.0 : at.p[definition_.damping];
+    const double factor = q == History::reference ? -at.step->inertia : alpha * rate_of(*at.step, q);
+    if (factor == 0) return;
+    for (const Element& element : elements_) {
+      Local values;
+      for (int a = 0; a < N; ++a)
+        values.col(a) = x.segment<D>(static_cast<Eigen::Index>(element.nodes[static_cast<size_t>(a)]) * D);
+      scatter(element, density(at.p) * element.measure * factor * values * mass_, out);
+    }
+  }
+
+  bool is_inertia() const override { return true; }
+
+ private:
+  struct Element {
+    std::array<int, N> nodes;
+    double measure;
+  };
+  double density(const Params& p) const {
+    return p[definition_.density] * (definition_.thickness < 0 ? 1.0 : p[definition_.thickness]);
+  }
+  static void scatter(const Element& element, const Local& values, Eigen::VectorXd& out) {
+    for (int a = 0; a < N; ++a)
+      out.segment<D>(static_cast<Eigen::Index>(element.nodes[static_cast<size_t>(a)]) * D) += values.col(a);
+  }
+
+  InertiaDefinition definition_;
+  Eigen::Matrix<double, N, N> mass_;  ///< of unit density and measure
+  std::vector<Element> elements_;
+};
+
+class PointMass final : public Term {
+ public:
+  PointMass(const Mesh& mesh, const Tag& tag, int mass) : dimension_(mesh.dimension()), mass_(mass) {
+    for (int i = 0; i < dimension_; ++i)
+      weights_.push_back(mean_weights(mesh, tag, Eigen::VectorXd::Unit(dimension_, i)));
+    for (int node : tag.nodes()) {
+      nodes_.push_back(node);
+      share_.push_back(weights_[0][static_cast<Eigen::Index>(node) * dimension_]);
+    }
+  }
+  Cliques cliques() const override {
+    Cliques list;
+    list.add(nodes_);
+    return list;
+  }
+  void assemble(const Point& at, Assembly& out) const override {
+    if (at.step == nullptr) return;
+    const double factor = at.p[mass_] * at.step->inertia;
+    for (const Eigen::VectorXd& w : weights_) {
+      const double away = w.dot(at.u - at.step->reference);
+      out.add_energy(0.5 * factor * away * away);
+      if (out.gradient != nullptr) *out.gradient += factor * away * w;
+    }
+    if (!out.wants_hessian()) return;
+    const Eigen::Index n = static_cast<Eigen::Index>(nodes_.size()) * dimension_;
+    Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> K(n, n);
+    K.setZero();
+    for (size_t a = 0; a < nodes_.size(); ++a) {
+      for (size_t b = 0; b < nodes_.size(); ++b) {
+        for (int i = 0; i < dimension_; ++i)
+          K(static_cast<Eigen::Index>(a) * dimension_ + i, static_cast<Eigen::Index>(b) * dimension_ + i) =
+              factor * share_[a] * share_[b];
+      }
+    }
+    out.add_hessian(0, nodes_.data(), static_cast<int>(nodes_.size()), dimension_, K.data());
+  }
+  bool depends_on(int index) const override { return index == mass_; }
+  void add_parameter_gradient(const Point& at, int, Eigen::VectorXd& out) const override {
+    if (at.step == nullptr) return;
+    for (const Eigen::VectorXd& w : weights_) out += at.step->inertia * w.dot(at.u - at.step->reference) * w;
+  }
+  void add_history_product(const Point& at, History q, const Eigen::VectorXd& x, bool,
+                           Eigen::VectorXd& out) const override {
+    if (at.step == nullptr || q != History::reference) return;
+    for (const Eigen::VectorXd& w : weights_) out -= at.p[mass_] * at.step->inertia * w.dot(x) * w;
+  }
+  bool is_inertia() const override { return true; }
+
+ private:
+  int dimension_, mass_;
+  std::vector<Eigen::VectorXd> weights_;  ///< per axis
+  std::vector<int> nodes_;
+  std::vector<double> share_;
+};
+
+template <ElementShape S>
+class Viscosity final : public Term {
+  static constexpr int D = dimension_of(S), N = nodes_of(S), DN = D * N;
+  using Reference = ReferenceElement<S>;
+  static constexpr size_t Q = std::tuple_size_v<decltype(Reference::quadrature())>;
+  using Local = Eigen::Matrix<double, D, N>;
+  using Square = Eigen::Matrix<double, D, D>;
+  using Flat = Eigen::Matrix<double, DN, 1>;
+
+ public:
+  Viscosity(const Mesh& mesh, const ViscosityDefinition& definition) : definition_(definition) {
+    for (int e = 0; e < mesh.element_count(); ++e) {
+      if (mesh.region[static_cast<size_t>(e)] != definition.region) continue;
+      Element element;
+      std::copy_n(mesh.element(e), N, element.nodes.begin());
+      Local X;
+      for (int a = 0; a < N; ++a) X.col(a) = mesh.X.template segment<D>(mesh.element(e)[a] * D);
+      for (size_t q = 0; q < Q; ++q) {
+        const auto point = Reference::quadrature()[q];
+        const Local natural = Reference::gradients(point.xi);
+        const Square J = X * natural.transpose();
+        element.gradient[q] = J.transpose().inverse() * natural;
+        element.weight[q] = point.weight * J.determinant();
+      }
+      elements_.push_back(element);
+    }
+  }
+
+  Cliques cliques() const override {
+    Cliques list;
+    for (const Element& element : elements_) list.add(element.nodes);
+    return list;
+  }
+
+  void assemble(const Point& at, Assembly& out) const override {
+    if (at.step == nullptr || at.p[definition_.damping] == 0) return;
+    const Constants c = constants(at.p);
+    const double a0 = at.step->rate[0];
+    for (size_t e = 0; e < elements_.size(); ++e) {
+      const Element& element = elements_[e];
+      const Rates rates = rates_of(element, at);
+      out.add_energy(rates.energy(element, c) / a0);
+      if (out.gradient != nullptr) {
+        const Local force = force_of(element, rates, c);
+        out.add_gradient(element.nodes.data(), N, D, force.data());
+      }
+      if (!out.wants_hessian()) continue;
+      // d(force)/du = a0 B^T C0 B + the geometric part S : d2E/du2, which goes when only positive curvature is wanted.
+      Eigen::Matrix<double, DN, DN> K = Eigen::Matrix<double, DN, DN>::Zero();
+      Flat mean = Flat::Zero();
+      for (size_t q = 0; q < Q; ++q) {
+        const auto& G = element.gradient[q];
+        const Square& F = rates.F[q];
+        const Square stress = rates.stress(q, c);
+        const double w = element.weight[q];
+        Local FG = F * G;
+        mean += w * Eigen::Map<const Flat>(FG.data());
+        const Eigen::Matrix<double, N, N> GG = G.transpose() * G, GSG = G.transpose() * stress * G;
+        const Square FF = F * F.transpose();
+        for (int a = 0; a < N; ++a) {
+          for (int b = 0; b < N; ++b) {
+            // dE_a = sym(F^T e_i G_a^T):  2 mu dE_a : dE_b = mu ( (F F^T)_ij G_a.G_b + (F G_b)_i (F G_a)_j )
+            Square block = w * a0 * c.mu * (GG(a, b) * FF + FG.col(b) * FG.col(a).transpose());
+            if (out.curvature == Curvature::exact) block += w * GSG(a, b) * Square::Identity();
+            K.template block<D, D>(a * D, b * D) += block;
+          }
+        }
+      }
+      K += (a0 * c.lambda / element.measure()) * mean * mean.transpose();
+      K = (c.scale * K).eval();
+      const Eigen::Matrix<double, DN, DN> symmetric = 0.5 * (K + K.transpose());
+      out.add_hessian(static_cast<int>(e), element.nodes.data(), N, D, symmetric.data());
+    }
+  }
+
+  bool depends_on(int index) const override {
+    return index >= 0 && (index == definition_.youngs_modulus || index == definition_.poisson_ratio ||
+                          index == definition_.damping || index == definition_.thickness);
+  }
+
+  void add_parameter_gradient(const Point& at, int index, Eigen::VectorXd& out) const override {
+    if (at.step == nullptr) return;
+    const Constants c = derivative(at.p, index);
+    for (const Element& element : elements_) scatter(element, force_of(element, rates_of(element, at), c), out);
+  }
+
+  void add_history_product(const Point& at, History q, const Eigen::VectorXd& x, bool transposed,
+                           Eigen::VectorXd& out) const override {
+    if (at.step == nullptr || q == History::reference) return;
+    const double factor = rate_of(*at.step, q);
+    if (factor == 0) return;
+    const Constants c = constants(at.p);
+    const Eigen::VectorXd& past = q == History::previous ? at.step->previous : at.step->before;
+    const Eigen::VectorXd& from = transposed ? at.u : past;  // G = B(u)^T C0 rate B(past)
+    const Eigen::VectorXd& to = transposed ? past : at.u;
+    for (const Element& element : elements_) {
+      const Local u_from = gather(element, from), u_to = gather(element, to), dx = gather(element, x);
+      Rates rates;
+      for (size_t p = 0; p < Q; ++p) {
+        const auto& G = element.gradient[p];
+        const Square F = Square::Identity() + u_from * G.transpose(), dF = dx * G.transpose();
+        rates.F[p] = Square::Identity() + u_to * G.transpose();
+        rates.dE[p] = 0.5 * factor * (F.transpose() * dF + dF.transpose() * F);
+      }
+      rates.average(element);
+      scatter(element, force_of(element, rates, c), out);
+    }
+  }
+
+ private:
+  struct Element {
+    std::array<int, N> nodes;
+    std::array<Local, Q> gradient;
+    std::array<double, Q> weight;
+    double measure() const {
+      double sum = 0;
+      for (double w : weight) sum += w;
+      return sum;
+    }
+  };
+  /// scale [s m] times (mu, lambda) [Pa]
+  struct Constants {
+    double scale, mu, lambda;
+  };
+  /// Deformation at the end, rate of strain, and the element's mean of its trace.
+  struct Rates {
+    std::array<Square, Q> F, dE;
+    double mean_trace = 0;
+    void average(const Element& element) {
+      mean_trace = 0;
+      for (size_t q = 0; q < Q; ++q) mean_trace += element.weight[q] * dE[q].trace();
+      mean_trace /= element.measure();
+    }
+    Square stress(size_t q, const Constants& c) const {
+      return 2 * c.mu * dE[q] + c.lambda * mean_trace * Square::Identity();
+    }
+    double energy(const Element& element, const Constants& c) const {
+      double sum = 0.5 * c.lambda * mean_trace * mean_trace * element.measure();
+      for (size_t q = 0; q < Q; ++q) sum += element.weight[q] * c.mu * dE[q].squaredNorm();
+      return c.scale * sum;
+    }
+  };
+
+  Constants constants(const Params& p) const {
+    const double E = p[definition_.youngs_modulus], nu = p[definition_.poisson_ratio];
+    const double t = definition_.thickness < 0 ? 1.0 : p[definition_.thickness];
+    const double lambda = E * nu / ((1 + nu) * (definition_.plane_stress ? 1 - nu : 1 - 2 * nu));
+    return {p[definition_.damping] * t, E / (2 * (1 + nu)), lambda};
+  }
+  Constants derivative(const Params& p, int index) const {
+    Constants c = constants(p);
+    if (index == definition_.poisson_ratio) {
+      const double E = p[definition_.youngs_modulus], nu = p[definition_.poisson_ratio];
+      const double m = definition_.plane_stress ? 1 : 2, below = (1 + nu) * (1 - m * nu);
+      return {c.scale, -c.mu / (1 + nu), E * (below - nu * (1 - m - 2 * m * nu)) / (below * below)};
+    }
+    if (index == definition_.damping) c.scale = definition_.thickness < 0 ? 1.0 : p[definition_.thickness];
+    if (index == definition_.thickness) c.scale = p[definition_.damping];
+    if (index == definition_.youngs_modulus) c.scale /= p[index];
+    return c;
+  }
+
+  static Local gather(const Element& element, const Eigen::VectorXd& all) {
+    Local local;
+    for (int a = 0; a < N; ++a)
+      local.col(a) = all.segment<D>(static_cast<Eigen::Index>(element.nodes[static_cast<size_t>(a)]) * D);
+    return local;
+  }
+  static void scatter(const Element& element, const Local& values, Eigen::VectorXd& out) {
+    for (int a = 0; a < N; ++a)
+      out.segment<D>(static_cast<Eigen::Index>(element.nodes[static_cast<size_t>(a)]) * D) += values.col(a);
+  }
+  /// sum of rate * E(state), with E = (H + H^T + H^T H) / 2; the linear part from the differences of states.
+  Rates rates_of(const Element& element, const Point& at) const {
+    const TimeStep& step = *at.step;
+    const Local now = gather(element, at.u), previous = gather(element, step.previous);
+    const bool two = step.rate[2] != 0;
+    const Local before = two ? gather(element, step.before) : Local::Zero();
+    const Local v = step.rate[0] * now + step.rate[1] * previous + step.rate[2] * before;
+    Rates rates;
+    for (size_t q = 0; q < Q; ++q) {
+      const auto& G = element.gradient[q];
+      const Square H = now * G.transpose(), P = previous * G.transpose(), V = v * G.transpose();
+      rates.F[q] = Square::Identity() + H;
+      // The rates sum to zero: products of states may be taken relative to the previous one.
+      const Square dH = H - P;
+      Square quadratic = step.rate[0] * (dH.transpose() * dH);
+      if (two) {
+        const Square dB = before * G.transpose() - P;
+        quadratic += step.rate[2] * (dB.transpose() * dB);
+      }
+      rates.dE[q] = 0.5 * (V + V.transpose() + P.transpose() * V + V.transpose() * P + quadratic);
+    }
+    rates.average(element);
+    return rates;
+  }
+  /// B(u)^T C0 dE.
+  static Local force_of(const Element& element, const Rates& rates, const Constants& c) {
+    Local force = Local::Zero();
+    for (size_t q = 0; q < Q; ++q)
+      force += (c.scale * element.weight[q]) * rates.F[q] * rates.stress(q, c) * element.gradient[q];
+    return force;
+  }
+
+  ViscosityDefinition definition_;
+  std::vector<Element> elements_;
+};
+
+}  // namespace
+
+std::unique_ptr<Term> make_inertia(const Mesh& mesh, const InertiaDefinition& definition) {
+  return with_shape(mesh.shape, [&](auto shape) -> std::unique_ptr<Term> {
+    return std::make_unique<Inertia<shape>>(mesh, definition);
+  });
+}
+
+std::unique_ptr<Term> make_point_mass(const Mesh& mesh, const Tag& tag, int mass) {
+  return std::make_unique<PointMass>(mesh, tag, mass);
+}
+
+std::unique_ptr<Term> make_viscosity(const Mesh& mesh, const ViscosityDefinition& definition) {
+  return with_shape(mesh.shape, [&](auto shape) -> std::unique_ptr<Term> {
+    return std::make_unique<Viscosity<shape>>(mesh, definition);
+  });
+}
+
+}  // namespace taut
