@@ -12,6 +12,7 @@
 #include "sim/mesh/finger.hpp"
 #include "sim/mesh/gmsh.hpp"
 #include "sim/mesh/push_puppet.hpp"
+#include "sim/mesh/segmented_3d.hpp"
 #include "sim/solve/time_stepper.hpp"
 #include "sim/terms/contact.hpp"
 #include "sim/terms/inertia.hpp"
@@ -21,9 +22,13 @@ namespace taut {
 
 /// How finely and with which elements the geometry is resolved; [mesh], and what a [[fit.variant]] changes.
 struct MeshSettings {
-  std::vector<int> cells;  ///< structured: cells along x, y(, z)
-  double size = 0;         ///< Gmsh, push_puppet: element size [m]
-  int lip_cells = 2;       ///< push_puppet: elements through a lip
+  std::vector<int> cells;                         ///< structured: cells along x, y(, z)
+  double size = 0;                                ///< Gmsh, push_puppet: element size [m]
+  int lip_cells = 2;                              ///< push_puppet: elements through a lip
+  int core_cells = TwistModuleMesh().core_cells;  ///< twist: across the core
+  int tile_cells = SheetMesh().tile_cells;        ///< sheet: along a tile
+  int strip_cells = SheetMesh().strip_cells;      ///< sheet: across a strip of foam
+  int layers = 1;                                 ///< twist: in each rim and gap; sheet: through the thickness
   int order = 2;
   Formulation formulation = Formulation::standard;
   double contact_gap = 0;        ///< distance at which contact sets in [m]; 0: 2e-5 of the specimen's diagonal
@@ -31,7 +36,7 @@ struct MeshSettings {
 };
 
 struct GeometrySettings {
-  std::string kind;                  ///< box, rectangle, boxes, polygons, disc, push_puppet, finger, msh
+  std::string kind;                  ///< box, rectangle, boxes, polygons, disc, push_puppet, finger, twist, sheet, msh
   std::vector<double> size, origin;  ///< box and rectangle [m]
   std::string region;
   double radius = 0;  ///< disc [m]
@@ -39,9 +44,12 @@ struct GeometrySettings {
   std::vector<BoxRegion> boxes;
   PushPuppet puppet;
   Finger finger;
-  std::string file;      ///< msh
-  double unit = 1;       ///< msh: metres per unit of the file
-  double thickness = 1;  ///< 2D [m]
+  TwistModule twist;
+  Sheet sheet;
+  double cable_height = 0;  ///< sheet: of the cables above the middle plane [m]
+  std::string file;         ///< msh
+  double unit = 1;          ///< msh: metres per unit of the file
+  double thickness = 1;     ///< 2D [m]
   Plane plane = Plane::strain;
   int dimension = 3;
 };

@@ -64,6 +64,14 @@ void read_mesh(TableReader& table, const GeometrySettings& geometry, MeshSetting
       }
     }
     if (settings.cells.empty()) table.fail("", "'cells' is missing; add for example cells = [14, 5, 5]");
+  } else if (geometry.kind == "twist" || geometry.kind == "sheet") {
+    if (geometry.kind == "twist") {
+      settings.core_cells = table.integer("core_cells", settings.core_cells, 1);
+    } else {
+      settings.tile_cells = table.integer("tile_cells", settings.tile_cells, 1);
+      settings.strip_cells = table.integer("strip_cells", settings.strip_cells, 1);
+    }
+    settings.layers = table.integer("layers", settings.layers, 1);
   } else if (geometry.kind != "msh") {
     if (const auto size = table.optional_quantity("size", Quantity::length)) settings.size = *size;
     if (!(settings.size > 0)) table.fail("", "'size' is missing or not positive; add for example size = \"2 mm\"");
@@ -95,8 +103,8 @@ void read_plane(TableReader& table, double& thickness, Plane& plane) {
 
 GeometrySettings read_geometry(TableReader table, const std::string& path, bool own_plane) {
   GeometrySettings geometry;
-  geometry.kind = table.choice(
-      "kind", {"box", "rectangle", "boxes", "polygons", "disc", "push_puppet", "finger", "msh", "uniaxial"});
+  geometry.kind = table.choice("kind", {"box", "rectangle", "boxes", "polygons", "disc", "push_puppet", "finger",
+                                        "twist", "sheet", "msh", "uniaxial"});
   if (geometry.kind == "uniaxial") {
     table.fail("kind",
                "a uniaxial experiment has no mesh and no states to show; use `taut check` and `taut fit` on it");
@@ -152,6 +160,11 @@ GeometrySettings read_geometry(TableReader table, const std::string& path, bool 
     geometry.puppet = read_push_puppet(table);
   } else if (geometry.kind == "finger") {
     geometry.finger = read_finger(table);
+  } else if (geometry.kind == "twist") {
+    geometry.twist = read_twist_module(table);
+  } else if (geometry.kind == "sheet") {
+    geometry.sheet = read_sheet(table);
+    geometry.cable_height = table.optional_quantity("cable_height", Quantity::length).value_or(0);
   } else {
     geometry.file = path_beside(path, table.text("file"));
     geometry.unit = unit_factor(table.text("unit"), Quantity::length, table.where("unit"));

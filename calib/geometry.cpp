@@ -46,6 +46,9 @@ Mesh make_mesh(const GeometrySettings& g, const MeshSettings& settings, bool con
     const double gap = contact_gap(settings, 0.1);
     return mesh_finger(g.finger, settings.size, settings.order, compensate ? 0.5 * resting_distance * gap : 0.0);
   }
+  if (g.kind == "twist") return mesh_twist_module(g.twist, {settings.core_cells, settings.layers, settings.order});
+  if (g.kind == "sheet")
+    return mesh_sheet(g.sheet, {settings.tile_cells, settings.strip_cells, settings.layers, settings.order});
   if (g.kind == "push_puppet") {
     // Closed lips rest about this far apart: taken off their faces, so that they close where the specimen's own do.
     const PushPuppetMesh resolution{settings.size, settings.lip_cells, settings.order};
@@ -70,19 +73,33 @@ Mesh make_mesh(const GeometrySettings& g, const MeshSettings& settings, bool con
 }
 
 std::vector<Eigen::VectorXd> own_cable(const GeometrySettings& geometry, const std::string& name) {
-  std::vector<Eigen::VectorXd> points;
+  const auto place_of = [&](const std::vector<std::string>& names) {
+    const auto found = std::find(names.begin(), names.end(), name);
+    if (found == names.end())
+      throw InputError(fmt::format("'{}' is not a cable of a {}{}; allowed: {}", name, geometry.kind,
+                                   did_you_mean(name, names), join(names)));
+    return static_cast<int>(found - names.begin());
+  };
+  const auto points = [](const auto& path) { return std::vector<Eigen::VectorXd>(path.begin(), path.end()); };
   if (geometry.kind == "finger") {
-    if (name != "cable") throw InputError(fmt::format("'{}' is not a cable of a finger; allowed: cable", name));
-    for (const Eigen::Vector2d& point : cable_path(geometry.finger)) points.push_back(point);
-    return points;
+    place_of({"cable"});
+    return points(cable_path(geometry.finger));
   }
-  if (geometry.kind != "push_puppet")
-    throw InputError(fmt::format("a {} has no cables of its own; give the points x and y", geometry.kind));
-  if (name != "upper" && name != "lower")
-    throw InputError(fmt::format("'{}' is not a cable of a push_puppet{}; allowed: upper, lower", name,
-                                 did_you_mean(name, {"upper", "lower"})));
-  for (const Eigen::Vector2d& point : cable_path(geometry.puppet, name == "upper" ? 1 : -1)) points.push_back(point);
-  return points;
+  if (geometry.kind == "push_puppet")
+    return points(cable_path(geometry.puppet, place_of({"upper", "lower"}) == 0 ? 1 : -1));
+  std::vector<std::string> names;
+  if (geometry.kind == "twist") {
+    for (const char* hand : {"right", "left"}) {
+      for (int i = 1; i <= geometry.twist.cables; ++i) names.push_back(fmt::format("{}_{}", hand, i));
+    }
+    const int place = place_of(names), cables = geometry.twist.cables;
+    return points(cable_path(geometry.twist, place % cables, place < cables ? 1 : -1));
+  }
+  if (geometry.kind == "sheet") {
+    for (int i = 1; i <= geometry.sheet.rows; ++i) names.push_back(fmt::format("row_{}", i));
+    return points(cable_path(geometry.sheet, place_of(names), geometry.cable_height));
+  }
+  throw InputError(fmt::format("a {} has no cables of its own; give the points of the cable", geometry.kind));
 }
 
 }  // namespace taut

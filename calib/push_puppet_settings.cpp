@@ -64,4 +64,30 @@ Finger read_finger(TableReader& table) {
   return checked(table, finger);
 }
 
+TwistModule read_twist_module(TableReader& table) {
+  TwistModule module;
+  module.cells = table.integer("cells", module.cells, 1);
+  module.cables = table.integer("cables", module.cables, 1);
+  const std::pair<std::string_view, double TwistModule::*> lengths[] = {
+      {"cell_length", &TwistModule::cell_length},   {"core_width", &TwistModule::core_width},
+      {"plate_width", &TwistModule::plate_width},   {"plate_thickness", &TwistModule::plate_thickness},
+      {"rim_width", &TwistModule::rim_width},       {"rim_gap", &TwistModule::rim_gap},
+      {"cable_radius", &TwistModule::cable_radius},
+  };
+  const std::pair<std::string_view, double TwistModule::*> angles[] = {{"cable_turn", &TwistModule::cable_turn}};
+  read_members(table, lengths, Quantity::length, module);
+  read_members(table, angles, Quantity::angle, module);
+  return checked(table, module);
+}
+
+Sheet read_sheet(TableReader& table) {
+  Sheet sheet;
+  sheet.columns = table.integer("columns", sheet.columns, 1);
+  sheet.rows = table.integer("rows", sheet.rows, 1);
+  const std::pair<std::string_view, double Sheet::*> lengths[] = {
+      {"tile", &Sheet::tile}, {"strip", &Sheet::strip}, {"thickness", &Sheet::thickness}};
+  read_members(table, lengths, Quantity::length, sheet);
+  return checked(table, sheet);
+}
+
 }  // namespace taut

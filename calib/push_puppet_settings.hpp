@@ -1,6 +1,7 @@
 #pragma once
 #include "sim/mesh/finger.hpp"
 #include "sim/mesh/push_puppet.hpp"
+#include "sim/mesh/segmented_3d.hpp"
 
 namespace taut {
 
@@ -12,5 +13,8 @@ class TableReader;
 PushPuppet read_push_puppet(TableReader& table);
 /// The same for kind = "finger".
 Finger read_finger(TableReader& table);
+/// The same for kind = "twist" and kind = "sheet".
+TwistModule read_twist_module(TableReader& table);
+Sheet read_sheet(TableReader& table);
 
 }  // namespace taut

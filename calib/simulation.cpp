@@ -289,6 +289,8 @@ void read_channel(TableReader& table, Simulation& simulation) {
       channel.of = known_id(table, "of", ids_of(simulation.joints), "a [[joint]]");
       break;
     case Kind::net_force:
+      if (simulation.method != SimulationMethod::implicit_euler && simulation.method != SimulationMethod::bdf2)
+        table.fail("kind", "a net_force is mass times acceleration, which only implicit_euler and bdf2 hand out");
       channel.of = known_id(table, "of", body_names(simulation), "a [[body]]");
       break;
     default:
@@ -306,6 +308,11 @@ void read_workspace(TableReader table, Simulation& simulation) {
   WorkspaceSettings workspace;
   workspace.x = known_id(table, "x", ids_of(simulation.channels), "a [[channel]]");
   workspace.y = known_id(table, "y", ids_of(simulation.channels), "a [[channel]]");
+  for (const RobotChannel& channel : simulation.channels) {
+    const bool place = channel.kind == RobotChannel::Kind::position || channel.kind == RobotChannel::Kind::displacement;
+    if ((channel.id == workspace.x || channel.id == workspace.y) && !place)
+      table.fail("x", fmt::format("'{}' is not a position or displacement, which span a workspace", channel.id));
+  }
   workspace.samples = table.integer("samples", 200, 3);
   for (TableReader& one : table.tables("mode")) {
     WorkspaceMode mode;
@@ -332,8 +339,8 @@ void read_ik(TableReader table, Simulation& simulation) {
       const std::vector<std::string> ids = ids_of(simulation.controls);
       one.fail("", fmt::format("'{}' is not a [[control]]{}; allowed: {}", id, did_you_mean(id, ids), join(ids)));
     }
-    IkControl control{id, one.quantity("lower", control_quantity(simulation, id)),
-                      one.quantity("upper", control_quantity(simulation, id))};
+    IkRange control{id, one.quantity("lower", control_quantity(simulation, id)),
+                    one.quantity("upper", control_quantity(simulation, id))};
     if (!(control.lower < control.upper)) one.fail("upper", "the upper bound must be above the lower one");
     one.finish();
     ik.controls.push_back(control);
@@ -351,7 +358,7 @@ void read_ik(TableReader table, Simulation& simulation) {
       if (const auto value = one.optional_quantity("stiffness_" + channel.id, Quantity::stiffness))
         target.stiffness[channel.id] = *value;
     }
-    for (const IkControl& control : ik.controls) {
+    for (const IkRange& control : ik.controls) {
       if (const auto value = one.optional_quantity("hold_" + control.id, control_quantity(simulation, control.id)))
         target.hold[control.id] = *value;
     }

@@ -85,7 +85,7 @@ struct WorkspaceSettings {
 };
 
 /// [ik]: which controls may be used within which bounds, and where points are to be brought.
-struct IkControl {
+struct IkRange {
   std::string id;
   double lower = 0, upper = 0;  ///< SI
 };
@@ -96,7 +96,7 @@ struct IkTarget {
   std::map<std::string, double> hold;       ///< controls held at a value during this target, SI
 };
 struct IkSettings {
-  std::vector<IkControl> controls;
+  std::vector<IkRange> controls;
   std::vector<IkTarget> targets;
   double tolerance = 1e-4;  ///< [m]
 };

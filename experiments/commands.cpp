@@ -9,9 +9,11 @@
 #include <nlohmann/json.hpp>
 
 #include "calib/recordings.hpp"
+#include "calib/simulation.hpp"
 #include "calib/uniaxial.hpp"
 #include "experiments/recording_commands.hpp"
 #include "experiments/session.hpp"
+#include "experiments/simulate_command.hpp"
 #include "experiments/uniaxial_commands.hpp"
 #include "reports/diagnostic.hpp"
 #include "reports/draw.hpp"
@@ -307,6 +309,7 @@ void print_check(const RunRecord& record, const ParameterTable& table, const std
 }
 
 int check_command(const CommandOptions& options) {
+  if (is_simulation(options.target)) return check_simulation(options);
   if (is_uniaxial(options.target)) return check_uniaxial(options);
   if (has_recordings(options.target)) return check_recordings(options);
   const Session session = open_session(options);

@@ -45,17 +45,18 @@ std::vector<std::pair<std::string, std::string>> facts_of(const Simulation& simu
                                                           const SimulationResult& result) {
   std::vector<std::pair<std::string, std::string>> facts;
   const Mesh& mesh = robot.scene.model->mesh();
-  facts.emplace_back("model", fmt::format("{} bodies, {} {} elements, {} unknowns", mesh.parts.size(),
-                                          mesh.element_count(), order_of(mesh.shape) == 1 ? "linear" : "quadratic",
-                                          robot.scene.model->free_unknowns()));
+  facts.emplace_back(
+      "model", fmt::format("{} bodies, {} {} elements, {} unknowns", mesh.parts.size(), mesh.element_count(),
+                           order_of(mesh.shape) == 1 ? "linear" : "quadratic", robot.scene.model->free_unknowns()));
   facts.emplace_back("time integration", integrator_text(simulation));
-  facts.emplace_back("took", fmt::format("{:.3g} s for {}: {} steps, {} repeated, {} Newton iterations, {} factorisations",
-                                         result.seconds, with_unit(result.times.empty() ? 0 : result.times.back(), "s"),
-                                         result.steps, result.repeated, result.iterations, result.factorisations));
+  facts.emplace_back(
+      "took", fmt::format("{:.3g} s for {}: {} steps, {} repeated, {} Newton iterations, {} factorisations",
+                          result.seconds, with_unit(result.times.empty() ? 0 : result.times.back(), "s"), result.steps,
+                          result.repeated, result.iterations, result.factorisations));
   if (!result.failure.empty()) facts.emplace_back("ended early", result.failure);
   facts.emplace_back("inverted elements", result.smallest_jacobian > 0
-                                              ? fmt::format("none in {} states; smallest J = {:.3g}", result.states.size(),
-                                                            result.smallest_jacobian)
+                                              ? fmt::format("none in {} states; smallest J = {:.3g}",
+                                                            result.states.size(), result.smallest_jacobian)
                                               : fmt::format("YES: smallest J = {:.3g}", result.smallest_jacobian));
   if (robot.intersects) {
     facts.emplace_back(
@@ -63,14 +64,13 @@ std::vector<std::pair<std::string, std::string>> facts_of(const Simulation& simu
         result.intersecting > 0
             ? fmt::format("YES: in {} of {} states", result.intersecting, result.states.size())
             : fmt::format("none in {} states, by an exact test afterwards; smallest distance {}", result.states.size(),
-                          std::isfinite(result.smallest_distance)
-                              ? with_unit(result.smallest_distance, "m")
-                              : "over " + with_unit(0.01 * mesh.diagonal(), "m")));
+                          std::isfinite(result.smallest_distance) ? with_unit(result.smallest_distance, "m")
+                                                                  : "over " + with_unit(0.01 * mesh.diagonal(), "m")));
   }
   if (!robot.joints.empty()) {
-    facts.emplace_back("joints", fmt::format("largest gap {}, largest motor error {:.3g} deg",
-                                             with_unit(result.largest_joint_gap, "m"),
-                                             result.largest_motor_error * 180 / M_PI));
+    facts.emplace_back("joints",
+                       fmt::format("largest gap {}, largest motor error {:.3g} deg",
+                                   with_unit(result.largest_joint_gap, "m"), result.largest_motor_error * 180 / M_PI));
   }
   return facts;
 }
@@ -95,7 +95,8 @@ SimulationRecord make_record(const Simulation& simulation, const Robot& robot, c
   record.samples = result.times;
   for (size_t k = 0; k < robot.controls.size(); ++k) {
     const ControlSettings& control = simulation.controls[k];
-    record.controls.push_back(series_of(control.id, units_of(control.quantity).front(), control.id, result.controls[k]));
+    record.controls.push_back(
+        series_of(control.id, units_of(control.quantity).front(), control.id, result.controls[k]));
   }
   for (size_t k = 0; k < robot.readings.size(); ++k) {
     const RobotReading& reading = robot.readings[k];
@@ -132,7 +133,8 @@ void print_summary(const SimulationRecord& record, bool as_json) {
     for (const auto& [label, text] : record.facts) json["facts"][label] = text;
     for (const Series& series : record.channels) {
       const auto [least, most] = std::minmax_element(series.values.begin(), series.values.end());
-      json["channels"][series.id] = {{"unit", series.unit}, {"min", *least}, {"max", *most}, {"end", series.values.back()}};
+      json["channels"][series.id] = {
+          {"unit", series.unit}, {"min", *least}, {"max", *most}, {"end", series.values.back()}};
     }
     for (const auto& workspace : record.workspaces) json["workspace_m2"][workspace.mode] = workspace.area;
     fmt::print("{}\n", json.dump(2));
@@ -143,8 +145,8 @@ void print_summary(const SimulationRecord& record, bool as_json) {
   fmt::print("{:<22} {:>14} {:>14} {:>14}\n", "channel", "least", "most", "end");
   for (const Series& series : record.channels) {
     const auto [least, most] = std::minmax_element(series.values.begin(), series.values.end());
-    fmt::print("{:<22} {:>14} {:>14} {:>14}\n", series.id, with_unit(*least, series.unit), with_unit(*most, series.unit),
-               with_unit(series.values.back(), series.unit));
+    fmt::print("{:<22} {:>14} {:>14} {:>14}\n", series.id, with_unit(*least, series.unit),
+               with_unit(*most, series.unit), with_unit(series.values.back(), series.unit));
   }
   for (const auto& workspace : record.workspaces)
     fmt::print("workspace {:<12} {:.4g} cm2\n", workspace.mode, 1e4 * workspace.area);
@@ -152,11 +154,42 @@ void print_summary(const SimulationRecord& record, bool as_json) {
 
 }  // namespace
 
+int check_simulation(const CommandOptions& options) {
+  const Simulation simulation = read_simulation(options.target);
+  const Robot robot = make_robot(simulation);
+  const Mesh& mesh = robot.scene.model->mesh();
+  std::vector<std::pair<std::string, std::string>> lines;
+  for (const Part& part : mesh.parts)
+    lines.emplace_back("body " + part.name, fmt::format("{} elements, {} nodes", part.element_count, part.node_count));
+  lines.emplace_back("unknowns", fmt::format("{}", robot.scene.model->free_unknowns()));
+  lines.emplace_back("time integration",
+                     integrator_text(simulation) + fmt::format(", {} in all", with_unit(simulation.duration, "s")));
+  for (size_t k = 0; k < robot.controls.size(); ++k) {
+    const ControlSettings& control = simulation.controls[k];
+    const std::string unit = units_of(control.quantity).front();
+    lines.emplace_back("control " + control.id,
+                       fmt::format("{} at the start, {} at the end", with_unit(control.schedule.at(0), unit),
+                                   with_unit(control.schedule.at(simulation.duration), unit)));
+  }
+  for (const RobotReading& reading : robot.readings) lines.emplace_back("channel " + reading.id, reading.meaning);
+  if (options.json) {
+    nlohmann::ordered_json json;
+    json["title"] = simulation.title;
+    for (const auto& [label, text] : lines) json[label] = text;
+    fmt::print("{}\n", json.dump(2));
+    return exit_ok;
+  }
+  fmt::print("{} (a simulation)\n", simulation.title);
+  for (const auto& [label, text] : lines) fmt::print("{:<24} {}\n", label, text);
+  return exit_ok;
+}
+
 int simulate_command(const CommandOptions& options) {
   if (!is_simulation(options.target))
-    throw InputError(fmt::format("{}: this is an experiment with a bench, not a simulation (there is no [simulation]); "
-                                 "use `taut replay` or `taut fit`",
-                                 options.target));
+    throw InputError(
+        fmt::format("{}: this is an experiment with a bench, not a simulation (there is no [simulation]); "
+                    "use `taut replay` or `taut fit`",
+                    options.target));
   const Simulation simulation = read_simulation(options.target);
   Progress progress(options.quiet);
   const Robot robot = make_robot(simulation);
@@ -164,7 +197,8 @@ int simulate_command(const CommandOptions& options) {
   SimulateOptions simulate_options;
   simulate_options.stop = options.stop;
   simulate_options.progress = [&](double t, const SimulationResult& so_far) {
-    progress.show(fmt::format("{} of {}, {} steps", with_unit(t, "s"), with_unit(simulation.duration, "s"), so_far.steps));
+    progress.show(
+        fmt::format("{} of {}, {} steps", with_unit(t, "s"), with_unit(simulation.duration, "s"), so_far.steps));
   };
   const SimulationResult result = simulate(simulation, robot, simulate_options);
   if (result.times.empty()) throw InputError(fmt::format("{}: {}", simulation.path, result.failure));

@@ -7,4 +7,7 @@ namespace taut {
 /// folder; a summary on stdout.
 int simulate_command(const CommandOptions& options);
 
+/// Reads a simulation file and builds its scene, says what it understood; solves nothing.
+int check_simulation(const CommandOptions& options);
+
 }  // namespace taut

@@ -39,22 +39,19 @@ std::optional<Drawing> recordings(const RunRecord& record) {
   Page page(kPageWidth, height, "Recordings", record.title, record.simulated);
   page.legend(legend_left, height - kTitle - above - 6, legend);
 
-  // One scale of time, and one of displacements, for all.
-  std::vector<double> times, values, misses;
+  // One scale of time, and one of residuals, for all.
+  std::vector<double> times, misses;
   for (const ReadingRecord& r : record.readings) {
     times.push_back(r.controls.at(0));
-    values.push_back(r.measured / kMillimetre);
     for (double miss : {(r.measured - r.predicted) / kMillimetre, r.sigma / kMillimetre, -r.sigma / kMillimetre})
       misses.push_back(miss);
-  }
-  for (const CurveRecord& curve : record.curves) {
-    for (double value : curve.value) values.push_back(value / kMillimetre);
   }
   std::string csv = "kind,recording,channel,time_s,displacement_mm,sigma_mm,residual_mm\n";
   const std::string none;
   for (size_t n = 0; n < names.size(); ++n) {
     const size_t row = n / columns, column = n % columns;
     std::vector<std::string> upper_plots, lower_plots;
+    std::vector<double> values;
     double sigma = 0;
     for (const CurveRecord& curve : record.curves) {
       if (curve.series != names[n]) continue;
@@ -62,6 +59,7 @@ std::optional<Drawing> recordings(const RunRecord& record) {
       std::vector<std::vector<double>> points;
       for (size_t i = 0; i < curve.load.size(); ++i) {
         points.push_back({curve.load[i], curve.value[i] / kMillimetre});
+        values.push_back(points.back()[1]);
         csv += line("curve", names[n], curve.channel, curve.load[i], curve.value[i] / kMillimetre, none, none);
       }
       upper_plots.push_back(fmt::format("{} using 1:2 with lines lw 1.6 lc rgb '{}'", page.data(points), colour(c)));
@@ -73,6 +71,7 @@ std::optional<Drawing> recordings(const RunRecord& record) {
         if (record.series[i] != names[n] || r.channel != channels[c]) continue;
         const double residual = (r.measured - r.predicted) / kMillimetre;
         points.push_back({r.controls[0], r.measured / kMillimetre, residual});
+        values.push_back(points.back()[1]);
         sigma = std::max(sigma, r.sigma / kMillimetre);
         csv += line("reading", names[n], r.channel, r.controls[0], r.measured / kMillimetre, r.sigma / kMillimetre,
                     residual);

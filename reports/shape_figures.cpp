@@ -79,6 +79,7 @@ std::optional<Drawing> variants(const RunRecord& record) {
     double value, se;
   };
   std::vector<std::vector<Row>> panels;
+  std::vector<const ParameterEstimate*> compared;  // those that there is something to compare with
   size_t longest = 0, row_count = 0;
   for (size_t p = 0; p < record.fit.parameters.size(); ++p) {
     const ParameterEstimate& estimate = record.fit.parameters[p];
@@ -93,6 +94,8 @@ std::optional<Drawing> variants(const RunRecord& record) {
     for (const ReferenceRecord& r : record.references) {
       if (r.parameter == estimate.spec.id) rows.push_back({"reference", r.source, r.value, 0});
     }
+    if (rows.size() == 1) continue;
+    compared.push_back(&estimate);
     for (Row& row : rows) {
       row.name = shortened(row.name, 50);
       longest = std::max(longest, length_of(row.name));
@@ -100,6 +103,7 @@ std::optional<Drawing> variants(const RunRecord& record) {
     row_count += rows.size();
     panels.push_back(std::move(rows));
   }
+  if (panels.empty()) return std::nullopt;
   constexpr double row_height = 30, below = 58, above = 34;
   std::vector<LegendEntry> legend = {{LegendEntry::point, "this fit", colour(0), 7}};
   if (!record.variants.empty()) legend.push_back({LegendEntry::point, "other mesh", colour(2), 6});
@@ -118,7 +122,7 @@ std::optional<Drawing> variants(const RunRecord& record) {
   std::string csv = "parameter,unit,kind,name,value,standard_error\n";
   double top = height - kTitle - above;
   for (size_t p = 0; p < panels.size(); ++p) {
-    const ParameterEstimate& estimate = record.fit.parameters[p];
+    const ParameterEstimate& estimate = *compared[p];
     const DisplayUnit unit = display_unit(estimate.value, estimate.spec.unit);
     std::map<std::string, std::vector<std::vector<double>>> points;
     std::vector<double> shown;

@@ -75,6 +75,13 @@ Mesh part_of(const Mesh& whole, const std::function<bool(const Eigen::VectorXd&)
   return part;
 }
 
+/// Coordinate within the period of tile and strip.
+bool in_tile(const Sheet& s, double x) {
+  return std::fmod(x, s.tile + s.strip) < s.tile;
+}
+
+}  // namespace
+
 void check(const TwistModule& m) {
   constexpr const char* where = "twist module";
   check_counts(where, {{"cells", m.cells}, {"cables", m.cables}});
@@ -98,13 +105,6 @@ void check(const Sheet& s) {
   check_counts("sheet", {{"columns", s.columns}, {"rows", s.rows}});
   check_positive("sheet", {{"tile", s.tile}, {"strip", s.strip}, {"thickness", s.thickness}});
 }
-
-/// Coordinate within the period of tile and strip.
-bool in_tile(const Sheet& s, double x) {
-  return std::fmod(x, s.tile + s.strip) < s.tile;
-}
-
-}  // namespace
 
 Mesh mesh_twist_module(const TwistModule& m, const TwistModuleMesh& mesh) {
   check(m);

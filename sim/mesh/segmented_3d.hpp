@@ -24,6 +24,8 @@ struct TwistModule {
 
   double height() const { return cells * cell_length + (cells + 1) * plate_thickness; }
 };
+/// Throws InputError for lengths and counts that make no module.
+void check(const TwistModule& module);
 
 /// How finely: cells of the grid across the core and along the foam within a rim, a gap and a rim.
 struct TwistModuleMesh {
@@ -54,6 +56,8 @@ struct Sheet {
   double length() const { return columns * tile + (columns - 1) * strip; }
   double width() const { return rows * tile + (rows - 1) * strip; }
 };
+/// Throws InputError for lengths and counts that make no sheet.
+void check(const Sheet& sheet);
 
 /// Cells of the grid along a tile, across a strip and through the thickness.
 struct SheetMesh {

@@ -48,7 +48,7 @@ class ExactSum {
   size_t size_ = 0;
 };
 
-/// A point and a segment that both lie in the plane of which `axis` is not a direction, seen along that axis.
+/// A point as it is seen along a coordinate axis.
 Eigen::Vector2d without(int axis, const Vector3d& x) {
   return {x[(axis + 1) % 3], x[(axis + 2) % 3]};
 }

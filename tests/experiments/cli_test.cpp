@@ -3,12 +3,14 @@
 #include <unistd.h>
 
 #include <chrono>
+#include <cmath>
 #include <csignal>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <thread>
 
 #include "tests/support/experiment_files.hpp"
+#include "tests/support/small_robot.hpp"
 
 // The command `taut` as its users meet it: arguments, exit codes, what goes to stdout, to stderr and to disk.
 namespace taut {
@@ -398,6 +400,60 @@ TEST_F(SlowSiliconeBlock, ItsModulusIsBetween255And280KiloPascal) {
   EXPECT_LT(result.at("parameters")[0].at("value"), 280e3);
   EXPECT_TRUE(result.at("variants").empty());
   EXPECT_EQ(result.at("readings").size(), 18u);
+}
+
+TEST(SimulateCommand, WritesTheRunAndSaysWhatTheTestsAfterwardsSaw) {
+  const TemporaryFolder folder;
+  folder.write("robot.toml", robot_toml);
+  const Outcome run = run_in(folder / "", {"simulate", "robot.toml", "--json", "-q"});
+  ASSERT_EQ(run.code, 0) << run.err;
+  const json result = json::parse(run.out);
+  EXPECT_TRUE(result["simulated"]);
+  expect_holds(result["facts"]["intersections"], {"none in 21 states"});
+  expect_holds(result["facts"]["inverted elements"], {"none in 21 states"});
+  EXPECT_NEAR(result["channels"]["shoulder_angle"]["end"], 20 * M_PI / 180, 0.01);
+  for (const char* file : {"report.html", "animation.html", "channels.csv", "robot.pvd", "figures/strip.svg"})
+    EXPECT_TRUE(fs::exists(folder / (std::string("runs/robot/") + file))) << file;
+  expect_holds(text_of(folder / "runs/robot/channels.csv"), {"time_s,pull_mm,motor_deg,tip_y_mm"});
+  expect_holds(text_of(folder / "runs/robot/report.html"), {"A small robot", "simulation"});
+}
+
+TEST(SimulateCommand, CheckUnderstandsAndOtherCommandsSendASimulationThere) {
+  const TemporaryFolder folder;
+  folder.write("robot.toml", robot_toml);
+  folder.write("beam.toml", beam_toml);
+  folder.write("bench.csv", beam_csv);
+  const Outcome checked = run_in(folder / "", {"check", "robot.toml"});
+  EXPECT_EQ(checked.code, 0) << checked.err;
+  expect_holds(checked.out, {"body arm", "control pull", "channel tension", "implicit Euler"});
+  for (const char* command : {"fit", "replay", "draw"}) {
+    const Outcome sent = run_in(folder / "", {command, "robot.toml"});
+    EXPECT_EQ(sent.code, 2) << command;
+    expect_holds(sent.err, {"taut simulate robot.toml"});
+  }
+  const Outcome wrong = run_in(folder / "", {"simulate", "beam.toml"});
+  EXPECT_EQ(wrong.code, 2);
+  expect_holds(wrong.err, {"beam.toml", "not a simulation"});
+}
+
+TEST(SimulateCommand, AnInterruptedOrFailedRunKeepsWhatWasFinished) {
+  const TemporaryFolder folder;
+  folder.write("robot.toml", replaced(robot_toml, "duration = \"40 ms\"", "duration = \"500 s\""));
+  const pid_t child = start({"simulate", "robot.toml", "-q"}, folder / "");
+  std::this_thread::sleep_for(std::chrono::milliseconds(1500));
+  kill(child, SIGINT);
+  const Outcome stopped = finish(child, folder / "");
+  EXPECT_EQ(stopped.code, 130) << stopped.err;
+  EXPECT_TRUE(fs::exists(folder / "runs/robot/channels.csv"));
+  expect_holds(stopped.out, {"ended early"});
+
+  // A joint that nothing can hold against its command: no step is accepted, what was is written.
+  folder.write("hopeless.toml", replaced(replaced(robot_toml, "step = \"2 ms\"", "step = \"2 ms\"\nmax_iterations = 1"),
+                                         "kind = \"linear\"\nto = \"20 deg\"", "kind = \"linear\"\nto = \"2000 deg\""));
+  const Outcome failed = run_in(folder / "", {"simulate", "hopeless.toml", "-q"});
+  EXPECT_EQ(failed.code, 3) << failed.err;
+  expect_holds(failed.out, {"ended early", "no step was accepted"});
+  EXPECT_TRUE(fs::exists(folder / "runs/hopeless/channels.csv"));
 }
 
 }  // namespace
