@@ -100,7 +100,28 @@ std::map<std::string, double> contact_pressures(const Simulation& simulation) {
   return pressures;
 }
 
+/// Boundaries that do not cross may still be one inside the other.
+void refuse_nested_bodies(const Simulation& simulation, const Mesh& mesh) {
+  for (const Part& outer : mesh.parts) {
+    for (const Part& inner : mesh.parts) {
+      const bool joined = std::any_of(simulation.joints.begin(), simulation.joints.end(), [&](const RobotJoint& joint) {
+        return (joint.first == outer.name && joint.second == inner.name) ||
+               (joint.first == inner.name && joint.second == outer.name);
+      });
+      if (&outer == &inner || joined) continue;
+      try {
+        locate(mesh, mesh.node(inner.first_node), outer);
+      } catch (const InputError&) {
+        continue;
+      }
+      throw InputError(
+          fmt::format("body '{}' lies inside body '{}' at rest; move one of them", inner.name, outer.name));
+    }
+  }
+}
+
 void add_contact(const Simulation& simulation, SceneBuilder& builder, Robot& robot) {
+  refuse_nested_bodies(simulation, builder.mesh());
   const std::map<std::string, double> pressures = contact_pressures(simulation);
   const auto watch = [&](const auto& contact) {
     robot.intersects = [&contact](const Eigen::VectorXd& u) { return contact.intersects(u); };
@@ -127,10 +148,12 @@ Eigen::VectorXd place_weights(const Simulation& simulation, const Mesh& mesh, co
   const Part& part = mesh.part(of);
   Eigen::VectorXd weights = Eigen::VectorXd::Zero(mesh.X.size());
   double mass = 0;
+  const bool known = std::all_of(simulation.materials.begin(), simulation.materials.end(),
+                                 [](const MaterialSettings& material) { return material.density.has_value(); });
   const std::vector<double> measures = element_measures(mesh);
   for (const MaterialSettings& material : simulation.materials) {
     const int region = mesh.region_index(material.region);
-    const double density = material.density.value_or(1);
+    const double density = known ? *material.density : 1.0;
     Eigen::VectorXd all = body_weights(mesh, region, direction.normalized());
     // Only this part's nodes: parts share no nodes.
     const int d = mesh.dimension();
@@ -302,6 +325,8 @@ Robot make_robot(const Simulation& simulation) {
       robot.velocity.segment(static_cast<Eigen::Index>(node) * d, d) = vector_of(body.velocity);
   }
   robot.scene = at(simulation, "the model", [&] { return builder.build(dynamic); });
+  const Model& model = *robot.scene.model;
+  robot.velocity = model.extend_from_free(model.restrict_to_free(robot.velocity));
   return robot;
 }
 

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 
+#include "calib/reach.hpp"
 #include "calib/units.hpp"
 #include "sim/core/error.hpp"
 #include "sim/solve/sundials_integrator.hpp"
@@ -99,6 +100,7 @@ void run_static(const Simulation& simulation, const Robot& robot, const Simulate
     const double t = std::min(simulation.duration, k * simulation.step);
     const Params p = robot.at(simulation, t);
     const SolveReport& report = equilibrium.solve(p);
+    if (report.left_saddle) ++result.saddles_left;
     result.iterations += report.iterations;
     result.factorisations += report.factorisations;
     result.repeated += report.load_steps > 1 ? report.load_steps - 1 : 0;
@@ -123,6 +125,7 @@ Eigen::VectorXd start_of(const Simulation& simulation, const Robot& robot, const
   const SolveReport& report = equilibrium.solve(robot.at(simulation, 0));
   result.factorisations += report.factorisations;
   if (report.status == SolveStatus::converged) return equilibrium.u();
+  result.interrupted = report.status == SolveStatus::interrupted;
   result.failure = fmt::format(
       "there is no equilibrium to start from: {}; set start = \"rest\" (bodies without supports "
       "have no equilibrium)",
@@ -158,6 +161,10 @@ void run_stepper(const Simulation& simulation, const Robot& robot, const Simulat
       return;
     }
     recorder.add(stepper.last());
+    if (result.steps >= 1'000'000) {
+      result.failure = stopped_at(stepper.t(), "a million steps were not enough");
+      return;
+    }
     if (options.progress) options.progress(stepper.t(), result);
   }
 }
@@ -285,50 +292,29 @@ WorkspaceResult sample_workspace(const Simulation& simulation, const Robot& robo
     for (size_t k = 0; k < axes.size(); ++k) set(k, end);
     visit(p);
   }
-  // Golden-ratio-like frequencies: the curve does not close.
-  const int samples = simulation.workspace->samples;
-  for (int i = 1; i <= samples; ++i) {
+  // Square roots of primes: the curve never closes.
+  const auto period = [](size_t k) {
+    int prime = 1;
+    for (size_t found = 0; found <= k;) {
+      ++prime;
+      bool divided = false;
+      for (int by = 2; by * by <= prime; ++by) divided = divided || prime % by == 0;
+      if (!divided) ++found;
+    }
+    return 1 / std::sqrt(prime);
+  };
+  const double fastest = axes.empty() ? 1 : period(axes.size() - 1);
+  for (int i = 1; i <= simulation.workspace->samples; ++i) {
     for (size_t k = 0; k < axes.size(); ++k) {
-      const double turns =
-          0.5 * static_cast<double>(i) / samples * 12.0 * std::pow(1.3247179572, static_cast<double>(k));
-      const double wave = turns - std::floor(turns);
-      set(k, wave < 0.5 ? 2 * wave : 2 - 2 * wave);
+      const double turns = i * fastest / (24 * period(k)), wave = turns - std::floor(turns);
+      set(k, std::clamp(1.5 * (wave < 0.5 ? 2 * wave : 2 - 2 * wave) - 0.25, 0.0, 1.0));
     }
     visit(p);
   }
-  result.outline = convex_hull(result.points);
-  result.area = area_of(result.outline);
+  const Reach reach = reach_of(result.points, robot.scene.model->mesh().diagonal() / 6);
+  result.outline = reach.outline;
+  result.area = reach.area;
   return result;
-}
-
-std::vector<Eigen::Vector2d> convex_hull(std::vector<Eigen::Vector2d> points) {
-  const auto turn = [](const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen::Vector2d& c) {
-    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
-  };
-  std::sort(points.begin(), points.end(),
-            [](const auto& a, const auto& b) { return a[0] < b[0] || (a[0] == b[0] && a[1] < b[1]); });
-  points.erase(std::unique(points.begin(), points.end()), points.end());
-  if (points.size() < 3) return points;
-  std::vector<Eigen::Vector2d> hull;  // lower chain, then upper (Andrew's monotone chain)
-  for (int pass = 0; pass < 2; ++pass) {
-    const size_t base = hull.size();
-    for (const Eigen::Vector2d& point : points) {
-      while (hull.size() >= base + 2 && turn(hull[hull.size() - 2], hull.back(), point) <= 0) hull.pop_back();
-      hull.push_back(point);
-    }
-    hull.pop_back();
-    std::reverse(points.begin(), points.end());
-  }
-  return hull;
-}
-
-double area_of(const std::vector<Eigen::Vector2d>& polygon) {
-  double twice = 0;
-  for (size_t i = 0; i < polygon.size(); ++i) {
-    const Eigen::Vector2d &a = polygon[i], &b = polygon[(i + 1) % polygon.size()];
-    twice += a[0] * b[1] - a[1] * b[0];
-  }
-  return 0.5 * twice;
 }
 
 }  // namespace taut

@@ -19,6 +19,7 @@ struct SimulationResult {
   bool interrupted = false;
   int steps = 0, repeated = 0;  ///< accepted; solved again with a shorter step
   int iterations = 0, factorisations = 0;
+  int saddles_left = 0;  ///< static: equilibria on whose way an unstable one was left (buckling)
   double seconds = 0;
   // Of all accepted states, tested after the run.
   double smallest_jacobian = 0;    ///< over quadrature points and nodes; <= 0: an element has folded
@@ -36,25 +37,24 @@ struct SimulateOptions {
 /// Runs a simulation from its start to its end, or as far as it goes: what was finished is kept.
 SimulationResult simulate(const Simulation& simulation, const Robot& robot, const SimulateOptions& options = {});
 
-/// All parameters at rest: controls at their start, loads and gravity zero.
+/// All parameters at rest: gravity and all controls that load or move zero.
 Params at_rest(const Simulation& simulation, const Robot& robot);
 
 /// Places that can be reached in one mode of actuation.
 struct WorkspaceResult {
   std::string mode;
   std::vector<Eigen::Vector2d> points;   ///< [m]
-  std::vector<Eigen::Vector2d> outline;  ///< convex hull [m]
-  double area = 0;                       ///< of the hull [m^2]
+  std::vector<Eigen::Vector2d> outline;  ///< of what they cover, see reach_of() [m]
+  double area = 0;                       ///< of what they cover [m^2]
   int failures = 0;                      ///< samples without an equilibrium
 };
 
-/// Samples a mode of [workspace]: equilibria at the corners of its ranges and along a curve that fills them (each
-/// control a triangle wave of its own frequency), each from the last one, so that each is where a robot would get to.
+/// Samples a mode of [workspace]: equilibria at the ends of its ranges and along a curve through them, each from the
+/// last one, so that each is where a robot would get to. Along the curve control k goes to and fro in a time of its
+/// own, in proportion to 1/sqrt of the k-th prime, and dwells at its ends, where the border is made; a sample moves no
+/// control by more than an eighth of its range. What they cover is drawn with a disc of a sixth of the scene's
+/// diagonal.
 WorkspaceResult sample_workspace(const Simulation& simulation, const Robot& robot, const WorkspaceMode& mode,
                                  const std::atomic<bool>* stop = nullptr);
-
-/// Counter-clockwise convex hull, and its area.
-std::vector<Eigen::Vector2d> convex_hull(std::vector<Eigen::Vector2d> points);
-double area_of(const std::vector<Eigen::Vector2d>& polygon);
 
 }  // namespace taut

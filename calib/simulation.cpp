@@ -12,6 +12,8 @@
 namespace taut {
 namespace {
 
+constexpr double max_steps = 1e6;  // all states are kept
+
 Quantity quantity_of_text(const TableReader& table, std::string_view key, const std::string& text,
                           const std::vector<Quantity>& allowed) {
   const size_t blank = text.rfind(' ');
@@ -77,6 +79,9 @@ void read_method(TableReader table, Simulation& simulation) {
   if (!(simulation.duration > 0)) table.fail("duration", "the duration must be positive");
   if (!(simulation.step > 0 && simulation.step <= simulation.duration))
     table.fail("step", "the step must be positive and not longer than the duration");
+  if (simulation.duration / simulation.step > max_steps)
+    table.fail("duration", fmt::format("{:.3g} steps are too many; at most {:.0e} are allowed",
+                                       simulation.duration / simulation.step, max_steps));
   simulation.tolerance = table.optional_quantity("tolerance", Quantity::pure).value_or(0);
   if (simulation.tolerance < 0 || simulation.tolerance > 0.1)
     table.fail("tolerance", "a number from 0 (fixed steps) to 0.1 belongs here, relative to the size of the scene");
@@ -114,6 +119,8 @@ void read_body(TableReader& table, Simulation& simulation) {
   TableReader mesh = table.table("mesh");
   read_mesh(mesh, body.geometry, body.mesh);
   mesh.finish();
+  if (!simulation.bodies.empty() && simulation.bodies[0].mesh.formulation != body.mesh.formulation)
+    table.fail("mesh", "all bodies have one formulation, since they may share materials; give them the same");
   body.at = table.has("at") ? table.quantities("at", Quantity::length, d) : std::vector<double>(d, 0.0);
   body.angle = table.optional_quantity("turned", Quantity::angle).value_or(0);
   if (table.has("velocity")) body.velocity = table.quantities("velocity", Quantity::speed, d);
@@ -137,7 +144,9 @@ void read_control(TableReader& table, Simulation& simulation) {
     if (kind == "sine") {
       piece.kind = ControlSchedule::Kind::sine;
       piece.amplitude = one.quantity("amplitude", control.quantity);
-      piece.frequency = 1 / one.quantity("period", Quantity::time);
+      const double period = one.quantity("period", Quantity::time);
+      if (!(period > 0)) one.fail("period", "the period must be positive");
+      piece.frequency = 1 / period;
       piece.phase = one.optional_quantity("phase", Quantity::angle).value_or(0);
     } else if (kind != "hold") {
       piece.kind = kind == "linear" ? ControlSchedule::Kind::linear : ControlSchedule::Kind::smooth;
@@ -151,6 +160,13 @@ void read_control(TableReader& table, Simulation& simulation) {
     one.finish();
   }
   table.finish();
+  if (control.quantity == Quantity::mass) {
+    // Between the ends of its pieces only a sine can go below them.
+    for (int i = 0; i <= 1000; ++i) {
+      if (control.schedule.at(simulation.duration * i / 1000) < 0)
+        table.fail("", fmt::format("the mass '{}' becomes negative; give zero or more", control.id));
+    }
+  }
   simulation.controls.push_back(std::move(control));
 }
 
@@ -332,6 +348,42 @@ void read_workspace(TableReader table, Simulation& simulation) {
   simulation.workspace = std::move(workspace);
 }
 
+/// One target, or a path: lists of values, through which the controls go from point to point.
+IkTarget read_ik_target(TableReader& one, const Simulation& simulation, const IkSettings& ik, bool path) {
+  using Kind = RobotChannel::Kind;
+  IkTarget target;
+  target.name = one.text("name");
+  for (const RobotChannel& channel : simulation.channels) {
+    const bool place = channel.kind == Kind::position || channel.kind == Kind::displacement;
+    const bool angle = channel.kind == Kind::rotation || channel.kind == Kind::joint_angle;
+    if (!place && !angle) continue;
+    const Quantity quantity = angle ? Quantity::angle : Quantity::length;
+    if (one.has(channel.id))
+      target.values[channel.id] =
+          path ? one.quantities(channel.id, quantity, 0) : std::vector<double>{one.quantity(channel.id, quantity)};
+    if (!place) continue;
+    const std::string key = "stiffness_" + channel.id;
+    if (const auto value = one.optional_quantity(key, Quantity::stiffness)) {
+      if (!target.stiffness_of.empty()) one.fail(key, "one stiffness per target is allowed; leave the other one out");
+      if (!(*value > 0)) one.fail(key, "the stiffness must be positive");
+      target.stiffness_of = channel.id;
+      target.stiffness = *value;
+    }
+  }
+  for (const IkRange& control : ik.controls) {
+    if (const auto value = one.optional_quantity("hold_" + control.id, control_quantity(simulation, control.id)))
+      target.hold[control.id] = *value;
+  }
+  if (target.hold.size() == ik.controls.size()) one.fail("", "all controls are held; leave one free at least");
+  if (target.values.empty()) one.fail("", "a target needs the value of a channel, for example tip_x = \"150 mm\"");
+  for (const auto& [id, values] : target.values) {
+    if (values.size() != target.values.begin()->second.size() || values.empty())
+      one.fail(id, "all channels of a path need as many values, one at least");
+  }
+  one.finish();
+  return target;
+}
+
 void read_ik(TableReader table, Simulation& simulation) {
   IkSettings ik;
   for (auto& [id, one] : table.named_tables("control")) {
@@ -339,33 +391,23 @@ void read_ik(TableReader table, Simulation& simulation) {
       const std::vector<std::string> ids = ids_of(simulation.controls);
       one.fail("", fmt::format("'{}' is not a [[control]]{}; allowed: {}", id, did_you_mean(id, ids), join(ids)));
     }
-    IkRange control{id, one.quantity("lower", control_quantity(simulation, id)),
-                    one.quantity("upper", control_quantity(simulation, id))};
+    const Quantity quantity = control_quantity(simulation, id);
+    IkRange control{id, one.quantity("lower", quantity), one.quantity("upper", quantity), 0};
     if (!(control.lower < control.upper)) one.fail("upper", "the upper bound must be above the lower one");
+    const auto settings = std::find_if(simulation.controls.begin(), simulation.controls.end(),
+                                       [&](const ControlSettings& c) { return c.id == id; });
+    control.nominal = one.optional_quantity("nominal", quantity)
+                          .value_or(std::clamp(settings->schedule.at(0), control.lower, control.upper));
+    if (!(control.nominal >= control.lower && control.nominal <= control.upper))
+      one.fail("nominal", "the nominal value must be within the bounds");
     one.finish();
     ik.controls.push_back(control);
   }
   if (ik.controls.empty()) table.fail("", "no control is free; add [ik.control.ID] with lower and upper");
   ik.tolerance = table.optional_quantity("tolerance", Quantity::length).value_or(ik.tolerance);
-  for (TableReader& one : table.tables("target")) {
-    IkTarget target;
-    target.name = one.text("name");
-    for (const RobotChannel& channel : simulation.channels) {
-      const bool angle =
-          channel.kind == RobotChannel::Kind::rotation || channel.kind == RobotChannel::Kind::joint_angle;
-      if (const auto value = one.optional_quantity(channel.id, angle ? Quantity::angle : Quantity::length))
-        target.values[channel.id] = *value;
-      if (const auto value = one.optional_quantity("stiffness_" + channel.id, Quantity::stiffness))
-        target.stiffness[channel.id] = *value;
-    }
-    for (const IkRange& control : ik.controls) {
-      if (const auto value = one.optional_quantity("hold_" + control.id, control_quantity(simulation, control.id)))
-        target.hold[control.id] = *value;
-    }
-    if (target.values.empty()) one.fail("", "a target needs the value of a channel, for example tip_x = \"150 mm\"");
-    one.finish();
-    ik.targets.push_back(std::move(target));
-  }
+  for (TableReader& one : table.tables("target")) ik.targets.push_back(read_ik_target(one, simulation, ik, false));
+  for (TableReader& one : table.tables("path")) ik.targets.push_back(read_ik_target(one, simulation, ik, true));
+  if (ik.targets.empty()) table.fail("", "there is no target; add [[ik.target]] with name and the value of a channel");
   table.finish();
   simulation.ik = std::move(ik);
 }
@@ -386,6 +428,36 @@ void refuse_repeated_ids(const Simulation& simulation) {
   check(ids_of(simulation.joints));
   check(ids_of(simulation.loads));
   check(ids_of(simulation.channels));
+  check({"time", "kinetic_energy", "potential_energy"});
+}
+
+/// Plots of series that will not be there, and controls that nothing listens to.
+void refuse_without_effect(const Simulation& simulation) {
+  std::vector<std::string> series{"time", "kinetic_energy", "potential_energy"};
+  for (const ControlSettings& control : simulation.controls) series.push_back(control.id);
+  for (const RobotChannel& channel : simulation.channels) series.push_back(channel.id);
+  for (const RobotPlot& plot : simulation.plots) {
+    std::vector<std::string> ids = plot.y;
+    if (!plot.x.empty()) ids.push_back(plot.x);
+    for (const std::string& id : ids) {
+      if (std::find(series.begin(), series.end(), id) == series.end())
+        throw InputError(fmt::format("{}: [plot] '{}': '{}' is neither a control nor a channel{}; allowed: {}",
+                                     simulation.path, plot.id, id, did_you_mean(id, series), join(series)));
+    }
+  }
+  for (const ControlSettings& control : simulation.controls) {
+    const auto uses = [&](const auto& items, auto&& control_of_item) {
+      return std::any_of(items.begin(), items.end(),
+                         [&](const auto& item) { return control_of_item(item) == control.id; });
+    };
+    if (!uses(simulation.cables, [](const RobotCable& cable) { return cable.path.control; }) &&
+        !uses(simulation.joints, [](const RobotJoint& joint) { return joint.control; }) &&
+        !uses(simulation.loads, [](const RobotLoad& load) { return load.control; }))
+      throw InputError(
+          fmt::format("{}: the control '{}' moves nothing; name it as the retraction of a cable, the angle of a "
+                      "joint or the control of a load, or remove it",
+                      simulation.path, control.id));
+  }
 }
 
 }  // namespace
@@ -414,11 +486,11 @@ Simulation read_simulation(const std::string& path) {
   simulation.materials = read_materials(root);
   const bool dynamic = simulation.method != SimulationMethod::quasi_static;
   for (const MaterialSettings& material : simulation.materials) {
-    if (dynamic && !material.density)
-      throw InputError(
-          fmt::format("{}: [materials.{}]: a simulation over time needs a density; add for example density "
-                      "= \"30 kg/m3\", or set integrator = \"static\"",
-                      path, material.region));
+    if ((dynamic || !simulation.gravity_direction.empty()) && !material.density)
+      throw InputError(fmt::format(
+          "{}: [materials.{}]: gravity, and a simulation over time, need a density; add for example density = "
+          "\"30 kg/m3\", or set integrator = \"static\" without gravity",
+          path, material.region));
   }
   for (const auto& [region, value] : simulation.mass_damping) {
     std::vector<std::string> regions;
@@ -441,6 +513,7 @@ Simulation read_simulation(const std::string& path) {
   if (auto workspace = root.optional_table("workspace")) read_workspace(*workspace, simulation);
   if (auto ik = root.optional_table("ik")) read_ik(*ik, simulation);
   refuse_repeated_ids(simulation);
+  refuse_without_effect(simulation);
   root.finish();
   return simulation;
 }

@@ -88,12 +88,14 @@ struct WorkspaceSettings {
 struct IkRange {
   std::string id;
   double lower = 0, upper = 0;  ///< SI
+  double nominal = 0;           ///< SI: where it stays when the targets leave a choice
 };
 struct IkTarget {
   std::string name;
-  std::map<std::string, double> values;     ///< channel id to value, SI
-  std::map<std::string, double> stiffness;  ///< channel id to stiffness [N/m]
-  std::map<std::string, double> hold;       ///< controls held at a value during this target, SI
+  std::map<std::string, std::vector<double>> values;  ///< channel id to value, SI; a path has several, as many for each
+  std::string stiffness_of;                           ///< channel along which the stiffness is meant; "": none
+  double stiffness = 0;                               ///< [N/m]
+  std::map<std::string, double> hold;                 ///< controls held at a value during this target, SI
 };
 struct IkSettings {
   std::vector<IkRange> controls;

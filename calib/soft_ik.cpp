@@ -129,13 +129,18 @@ class SoftIk::Search {
         S.setZero();
         continue;
       }
-      // A step that is short for its damping alone says nothing.
-      if (undamped.size() > 0 && promise(undamped) <= (pull > 0 ? 1e-5 : 1e-8) * cost) {
+      // A step that is short for its damping alone says nothing, nor does one that the bounds have turned uphill.
+      const double hope = undamped.size() > 0 ? promise(undamped) : -1;
+      if (hope >= 0 && hope <= (pull > 0 ? 1e-5 : 1e-8) * cost) {
         settled = !blocked;
         break;
       }
       const double promised = promise(step);
-      if (!(promised > 0)) break;
+      if (!(promised > 0)) {
+        damping = growth * std::max(damping, 1e-4);
+        growth *= 2;
+        continue;
+      }
       const Eigen::VectorXd trial = (q + step).cwiseMax(0.0).cwiseMin(1.0);
       ++iterations;
       blocked = !evaluate(trial, false);
@@ -239,11 +244,12 @@ SoftIk::SoftIk(const Scene& scene, std::vector<IkChannel> channels, std::vector<
     range_[static_cast<Eigen::Index>(j)] = control.upper - control.lower;
   }
   if (options_.held.size() == 0) options_.held = scene.values;
+  if (options_.rest.size() == 0) options_.rest = scene.values;
   forget();
 }
 
 void SoftIk::forget() {
-  equilibrium_.start_at_rest(scene_->values);
+  equilibrium_.start_at_rest(options_.rest);
   at_rest_ = true;
 }
 

@@ -36,6 +36,7 @@ struct IkOptions {
   Eigen::VectorXd stiffness_direction;  ///< displacement weights c (mean_weights(), say) along which the end effector's
                                         ///< stiffness 1/(c^T H^-1 c) is meant; empty: stiffness is not controlled
   Params held;                          ///< values of the parameters that are no controls; empty: the scene's
+  Params rest;                          ///< parameters of the shape at rest, without loads; empty: the scene's
   EquilibriumOptions equilibrium;
 };
 

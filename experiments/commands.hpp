@@ -19,6 +19,7 @@ enum ExitCode {
 struct CommandOptions {
   std::string target;                      ///< experiment file or run folder
   std::string out;                         ///< run folder, "" for runs/<experiment>
+  std::string name;                        ///< ik: the target that is meant, "" for all
   std::string rows;                        ///< predict: CSV file of new loads
   std::map<std::string, std::string> set;  ///< replay: parameter values that replace the nominal ones
   bool json = false;

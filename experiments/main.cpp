@@ -7,6 +7,7 @@
 #include <iostream>
 
 #include "experiments/commands.hpp"
+#include "experiments/ik_command.hpp"
 #include "experiments/simulate_command.hpp"
 #include "experiments/version.hpp"
 #include "sim/core/error.hpp"
@@ -48,6 +49,10 @@ const std::vector<Command>& commands() {
       {"simulate", "SIMULATION",
        "Runs a simulation over time or through equilibria: states, plots, animation and report.",
        "  taut simulate experiments/ball_impact/experiment.toml\n", taut::simulate_command, true, false},
+      {"ik", "SIMULATION", "Finds the controls that bring a robot to the targets of its file, within their bounds.",
+       "  taut ik experiments/arm/experiment.toml\n"
+       "  taut ik experiments/arm/experiment.toml --target circle --json\n",
+       taut::ik_command, true, false},
       {"predict", "RUN_FOLDER", "Predicts at new loads with the parameters of a run, with 95 % bands.",
        "  taut predict runs/silicone_block --rows new.csv        # new.csv: the load columns of the bench, one row per "
        "prediction\n",
@@ -84,6 +89,7 @@ po::options_description options_of(const Command& command, taut::CommandOptions&
     add("set", po::value(&settings)->value_name("ID=VALUE")->composing(),
         "a parameter instead of the file's value, with its unit");
   }
+  if (command.name == "ik") add("target", po::value(&options.name)->value_name("NAME"), "this target or path alone");
   if (command.name == "fit") add("no-variants", "leave out the refits with other meshes");
   if (command.name == "predict")
     add("rows", po::value(&options.rows)->value_name("FILE"), "CSV file with the load columns of the bench (required)");
@@ -111,11 +117,11 @@ int run(int argc, char** argv) {
       options.command_line += argument.find(' ') == std::string::npos ? " " + argument : " '" + argument + "'";
     std::vector<std::string> settings;
     po::options_description visible = options_of(command, options, settings), all;
-    all.add(visible).add_options()("target", po::value(&options.target));
+    all.add(visible).add_options()("positional", po::value(&options.target));
     po::variables_map values;
     po::store(po::command_line_parser(std::vector<std::string>(arguments.begin() + 1, arguments.end()))
                   .options(all)
-                  .positional(po::positional_options_description().add("target", 1))
+                  .positional(po::positional_options_description().add("positional", 1))
                   .run(),
               values);
     po::notify(values);

@@ -54,6 +54,9 @@ std::vector<std::pair<std::string, std::string>> facts_of(const Simulation& simu
                           result.seconds, with_unit(result.times.empty() ? 0 : result.times.back(), "s"), result.steps,
                           result.repeated, result.iterations, result.factorisations));
   if (!result.failure.empty()) facts.emplace_back("ended early", result.failure);
+  if (result.saddles_left > 0)
+    facts.emplace_back("buckling",
+                       fmt::format("{} equilibria were reached by leaving an unstable one", result.saddles_left));
   facts.emplace_back("inverted elements", result.smallest_jacobian > 0
                                               ? fmt::format("none in {} states; smallest J = {:.3g}",
                                                             result.states.size(), result.smallest_jacobian)
@@ -82,16 +85,7 @@ Series series_of(const std::string& id, const std::string& unit, const std::stri
 
 SimulationRecord make_record(const Simulation& simulation, const Robot& robot, const SimulationResult& result,
                              const CommandOptions& options) {
-  SimulationRecord record;
-  record.name = file_name_of(experiment_name(simulation.path));
-  record.title = simulation.title;
-  record.description = simulation.description;
-  record.mesh = robot.scene.model->mesh();
-  for (size_t k = 0; k < robot.cables.size(); ++k)
-    record.lines.push_back({simulation.cables[k].id, robot.cables[k].points});
-  for (const std::vector<Eigen::Vector2d>& line : simulation.obstacles)
-    record.obstacles.emplace_back(line.begin(), line.end());
-  record.grounds = simulation.grounds;
+  SimulationRecord record = start_simulation_record(simulation, robot, options);
   record.samples = result.times;
   for (size_t k = 0; k < robot.controls.size(); ++k) {
     const ControlSettings& control = simulation.controls[k];
@@ -119,9 +113,6 @@ SimulationRecord make_record(const Simulation& simulation, const Robot& robot, c
   }
   for (const RobotPlot& plot : simulation.plots) record.plots.push_back({plot.id, plot.title, plot.x, plot.y});
   record.facts = facts_of(simulation, robot, result);
-  record.command_line = options.command_line;
-  record.version = fmt::format("{} ({})", version(), commit());
-  record.experiment_text = read_file(simulation.path);
   return record;
 }
 
@@ -153,6 +144,24 @@ void print_summary(const SimulationRecord& record, bool as_json) {
 }
 
 }  // namespace
+
+SimulationRecord start_simulation_record(const Simulation& simulation, const Robot& robot,
+                                         const CommandOptions& options) {
+  SimulationRecord record;
+  record.name = file_name_of(experiment_name(simulation.path));
+  record.title = simulation.title;
+  record.description = simulation.description;
+  record.mesh = robot.scene.model->mesh();
+  for (size_t k = 0; k < robot.cables.size(); ++k)
+    record.lines.push_back({simulation.cables[k].id, robot.cables[k].points});
+  for (const std::vector<Eigen::Vector2d>& line : simulation.obstacles)
+    record.obstacles.emplace_back(line.begin(), line.end());
+  record.grounds = simulation.grounds;
+  record.command_line = options.command_line;
+  record.version = fmt::format("{} ({})", version(), commit());
+  record.experiment_text = read_file(simulation.path);
+  return record;
+}
 
 int check_simulation(const CommandOptions& options) {
   const Simulation simulation = read_simulation(options.target);
@@ -201,11 +210,15 @@ int simulate_command(const CommandOptions& options) {
         fmt::format("{} of {}, {} steps", with_unit(t, "s"), with_unit(simulation.duration, "s"), so_far.steps));
   };
   const SimulationResult result = simulate(simulation, robot, simulate_options);
-  if (result.times.empty()) throw InputError(fmt::format("{}: {}", simulation.path, result.failure));
+  if (result.times.empty()) {
+    fmt::print(stderr, "taut: {}: {}\n", simulation.path, result.failure);
+    return result.interrupted ? exit_interrupted : exit_solve;
+  }
   SimulationRecord record = make_record(simulation, robot, result, options);
   if (simulation.workspace && result.failure.empty()) {
     for (const WorkspaceMode& mode : simulation.workspace->modes) {
       progress.say(fmt::format("workspace of mode {}", mode.name));
+      if (options.stop != nullptr && options.stop->load()) break;
       const WorkspaceResult reached = sample_workspace(simulation, robot, mode, options.stop);
       if (reached.failures > 0)
         record.facts.emplace_back("workspace " + mode.name,
@@ -217,7 +230,7 @@ int simulate_command(const CommandOptions& options) {
   write_simulation(record, folder);
   print_summary(record, options.json);
   progress.say(fmt::format("report: {}/report.html", folder));
-  if (result.interrupted) return exit_interrupted;
+  if (result.interrupted || (options.stop != nullptr && options.stop->load())) return exit_interrupted;
   const bool unsound = result.smallest_jacobian <= 0 || result.intersecting > 0;
   return result.failure.empty() && !unsound ? exit_ok : exit_solve;
 }

@@ -25,7 +25,7 @@ struct PushPuppet {
   double stud_play = 0.2e-3;      ///< between the tongue and each side of its groove
   double base_bracket = 0;        ///< how far a bracket reaches out of the base plate, to hold a joint; 0: none
   double tip_bracket = 0;         ///< the same at the tip plate
-  double bracket_height = 10e-3;  ///< of both, across the axis, to the nearest line of the mesh
+  double bracket_height = 10e-3;  ///< of both, across the axis, up to the next line of the mesh
 };
 
 /// How finely a module is meshed.

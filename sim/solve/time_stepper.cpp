@@ -122,6 +122,10 @@ bool TimeStepper::advance(double until) {
         shortened = true;
         continue;
       }
+      if (error > 1) {  // not even the shortest step is good enough
+        report_.status = SolveStatus::stalled;
+        return false;
+      }
       next_step_ = std::min(options_.step, h * std::clamp(factor, 0.5, 2.0));
     } else {
       next_step_ = shortened || h < next_step_ ? std::min(options_.step, 2 * h) : options_.step;

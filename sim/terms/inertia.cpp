@@ -2,6 +2,7 @@
 
 #include <Eigen/LU>
 #include <cmath>
+#include <limits>
 
 #include "sim/mesh/shape_functions.hpp"
 #include "sim/terms/load.hpp"
@@ -286,34 +287,41 @@ class Viscosity final : public Term {
     for (size_t e = 0; e < elements_.size(); ++e) {
       const Element& element = elements_[e];
       const Rates rates = rates_of(element, at);
-      out.add_energy(rates.energy(element, c) / a0);
+      const double energy = rates.energy(element, c) / a0;
+      out.add_energy(std::isfinite(energy) ? energy : std::numeric_limits<double>::infinity());
+      if (!std::isfinite(energy)) return;
       if (out.gradient != nullptr) {
         const Local force = force_of(element, rates, c);
         out.add_gradient(element.nodes.data(), N, D, force.data());
       }
       if (!out.wants_hessian()) continue;
       // d(force)/du = a0 B^T C0 B + the geometric part S : d2E/du2, which goes when only positive curvature is wanted.
+      const bool exact = out.curvature == Curvature::exact;
       Eigen::Matrix<double, DN, DN> K = Eigen::Matrix<double, DN, DN>::Zero();
-      Flat mean = Flat::Zero();
       for (size_t q = 0; q < Q; ++q) {
         const auto& G = element.gradient[q];
         const Square& F = rates.F[q];
-        const Square stress = rates.stress(q, c);
-        const double w = element.weight[q];
-        Local FG = F * G;
-        mean += w * Eigen::Map<const Flat>(FG.data());
+        const Square stress = 2 * c.mu * rates.dE[q];
+        const double w = element.weight[q], pressure = c.lambda * rates.volume;
+        const Local FG = F * G, VG = volume_derivative(F) * G;
         const Eigen::Matrix<double, N, N> GG = G.transpose() * G, GSG = G.transpose() * stress * G;
         const Square FF = F * F.transpose();
         for (int a = 0; a < N; ++a) {
           for (int b = 0; b < N; ++b) {
             // dE_a = sym(F^T e_i G_a^T):  2 mu dE_a : dE_b = mu ( (F F^T)_ij G_a.G_b + (F G_b)_i (F G_a)_j )
             Square block = w * a0 * c.mu * (GG(a, b) * FF + FG.col(b) * FG.col(a).transpose());
-            if (out.curvature == Curvature::exact) block += w * GSG(a, b) * Square::Identity();
+            if (exact) {
+              block += w * GSG(a, b) * Square::Identity();
+              block += (w * pressure) * (definition_.plane_stress ? Square(GG(a, b) * Square::Identity())
+                                                                  : Square(-VG.col(b) * VG.col(a).transpose()));
+            }
             K.template block<D, D>(a * D, b * D) += block;
           }
         }
       }
-      K += (a0 * c.lambda / element.measure()) * mean * mean.transpose();
+      const Local volume = volume_gradient(element, rates.F);
+      const Eigen::Map<const Flat> v(volume.data());
+      K += (a0 * c.lambda / element.measure()) * v * v.transpose();
       K = (c.scale * K).eval();
       const Eigen::Matrix<double, DN, DN> symmetric = 0.5 * (K + K.transpose());
       out.add_hessian(static_cast<int>(e), element.nodes.data(), N, D, symmetric.data());
@@ -343,13 +351,15 @@ class Viscosity final : public Term {
     for (const Element& element : elements_) {
       const Local u_from = gather(element, from), u_to = gather(element, to), dx = gather(element, x);
       Rates rates;
+      std::array<Square, Q> there;
       for (size_t p = 0; p < Q; ++p) {
         const auto& G = element.gradient[p];
         const Square F = Square::Identity() + u_from * G.transpose(), dF = dx * G.transpose();
+        there[p] = F;
         rates.F[p] = Square::Identity() + u_to * G.transpose();
         rates.dE[p] = 0.5 * factor * (F.transpose() * dF + dF.transpose() * F);
       }
-      rates.average(element);
+      rates.volume = factor / element.measure() * volume_gradient(element, there).cwiseProduct(dx).sum();
       scatter(element, force_of(element, rates, c), out);
     }
   }
@@ -369,24 +379,32 @@ class Viscosity final : public Term {
   struct Constants {
     double scale, mu, lambda;
   };
-  /// Deformation at the end, rate of strain, and the element's mean of its trace.
+  /// Deformation at the end, rate of strain, and the rate of the element's mean change of volume.
   struct Rates {
     std::array<Square, Q> F, dE;
-    double mean_trace = 0;
-    void average(const Element& element) {
-      mean_trace = 0;
-      for (size_t q = 0; q < Q; ++q) mean_trace += element.weight[q] * dE[q].trace();
-      mean_trace /= element.measure();
-    }
-    Square stress(size_t q, const Constants& c) const {
-      return 2 * c.mu * dE[q] + c.lambda * mean_trace * Square::Identity();
-    }
+    double volume = 0;
     double energy(const Element& element, const Constants& c) const {
-      double sum = 0.5 * c.lambda * mean_trace * mean_trace * element.measure();
+      double sum = 0.5 * c.lambda * volume * volume * element.measure();
       for (size_t q = 0; q < Q; ++q) sum += element.weight[q] * c.mu * dE[q].squaredNorm();
       return c.scale * sum;
     }
   };
+
+  /// Change of volume e(F): ln J, or in plane stress, where J is not that of the plane, tr E; and de/dF.
+  double volume_of(const Square& H) const {
+    if (definition_.plane_stress) return H.trace() + 0.5 * H.squaredNorm();
+    return std::log((Square::Identity() + H).determinant());
+  }
+  Square volume_derivative(const Square& F) const {
+    if (definition_.plane_stress) return F;
+    return F.inverse().transpose();
+  }
+  /// d/du of the integral of e over an element.
+  Local volume_gradient(const Element& element, const std::array<Square, Q>& F) const {
+    Local gradient = Local::Zero();
+    for (size_t q = 0; q < Q; ++q) gradient += element.weight[q] * volume_derivative(F[q]) * element.gradient[q];
+    return gradient;
+  }
 
   Constants constants(const Params& p) const {
     const double E = p[definition_.youngs_modulus], nu = p[definition_.poisson_ratio];
@@ -436,17 +454,19 @@ class Viscosity final : public Term {
         const Square dB = before * G.transpose() - P;
         quadratic += step.rate[2] * (dB.transpose() * dB);
       }
+      rates.volume += element.weight[q] * (step.rate[0] * volume_of(H) + step.rate[1] * volume_of(P) +
+                                           (two ? step.rate[2] * volume_of(before * G.transpose()) : 0.0));
       rates.dE[q] = 0.5 * (V + V.transpose() + P.transpose() * V + V.transpose() * P + quadratic);
     }
-    rates.average(element);
+    rates.volume /= element.measure();
     return rates;
   }
-  /// B(u)^T C0 dE.
-  static Local force_of(const Element& element, const Rates& rates, const Constants& c) {
-    Local force = Local::Zero();
+  /// B(u)^T C0 dE, with the volume's part.
+  Local force_of(const Element& element, const Rates& rates, const Constants& c) const {
+    Local force = c.lambda * rates.volume * volume_gradient(element, rates.F);
     for (size_t q = 0; q < Q; ++q)
-      force += (c.scale * element.weight[q]) * rates.F[q] * rates.stress(q, c) * element.gradient[q];
-    return force;
+      force += (element.weight[q] * 2 * c.mu) * rates.F[q] * rates.dE[q] * element.gradient[q];
+    return c.scale * force;
   }
 
   ViscosityDefinition definition_;

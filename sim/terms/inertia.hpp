@@ -38,13 +38,13 @@ std::unique_ptr<Term> make_point_mass(const Mesh& mesh, const Tag& tag, int mass
 
 /// Incremental potential of viscosity in proportion to the stiffness at rest (Kelvin-Voigt), within a time step s:
 ///
-///     E = beta t / (2 s.rate[0]) integral  dE : C0 : dE  [J],
+///     E = beta t / (2 s.rate[0]) integral  2 mu dE : dE + lambda de^2  [J],
 ///     dE = s.rate[0] E(u) + s.rate[1] E(s.previous) + s.rate[2] E(s.before),   E = (F^T F - I) / 2,
 ///
-/// C0 Hooke's tensor of the region's E and nu (plane strain in 2D; in plane stress lambda is that of plane stress), and
-/// for the part of volume change the mean of tr dE over each element, so that nothing locks. Rigid motions cost
-/// nothing; for small strains this is damping by beta K, K the elastic Hessian at rest. beta [s] damps a mode of
-/// angular frequency w by the ratio beta w / 2.
+/// and de the same rate of each element's mean of ln J (in plane stress, of tr E), so that nothing locks and motions
+/// that keep the volume cost no volume viscosity; mu and lambda of the region's E and nu (lambda that of plane stress
+/// there). Rigid motions cost nothing; for small strains this is damping by beta K, K the elastic Hessian at rest. beta
+/// [s] damps a mode of angular frequency w by the ratio beta w / 2. Valid where J > 0.
 struct ViscosityDefinition {
   int region = 0;
   int youngs_modulus = -1, poisson_ratio = -1;  ///< [Pa], [1]

@@ -38,29 +38,34 @@ TEST(Schedule, RefusesNumbersThatAreNotFiniteAndPiecesOutOfOrder) {
   expect_input_error([&] { schedule.add({ControlSchedule::Kind::hold, 1}); }, {"does not end after", "order"});
 }
 
-struct Run {
+struct Finished {
   Simulation simulation;
   Robot robot;
   SimulationResult result;
 };
-Run run(const std::string& toml) {
+Finished run(const std::string& toml) {
   const TemporaryFolder folder;
   const std::string path = folder.write("experiment.toml", toml);
   EXPECT_TRUE(is_simulation(path));
-  Run run{read_simulation(path), {}, {}};
+  Finished run{read_simulation(path), {}, {}};
   run.robot = make_robot(run.simulation);
   run.result = simulate(run.simulation, run.robot);
   return run;
 }
-const std::vector<double>& channel(const Run& run, const std::string& id) {
+const std::vector<double>& channel(const Finished& run, const std::string& id) {
   for (size_t k = 0; k < run.robot.readings.size(); ++k) {
     if (run.robot.readings[k].id == id) return run.result.readings[k];
   }
   throw std::logic_error(id);
 }
 
+std::string without_net_force(const std::string& toml) {
+  return replaced(
+      toml, "[[channel]]\nid = \"block_force\"\nkind = \"net_force\"\nof = \"block\"\ndirection = [0, 1]\n\n", "");
+}
+
 TEST(Simulate, RunsASceneOfJointCableLoadAndFreeBodyToItsEnd) {
-  const Run r = run(robot_toml);
+  const Finished r = run(robot_toml);
   EXPECT_EQ(r.result.failure, "");
   ASSERT_EQ(r.result.times.size(), 21u);
   EXPECT_DOUBLE_EQ(r.result.times.back(), 0.04);
@@ -75,8 +80,8 @@ TEST(Simulate, RunsASceneOfJointCableLoadAndFreeBodyToItsEnd) {
   EXPECT_EQ(r.result.controls[0].back(), 0.003);
 }
 
-TEST(Simulate, TheForceOnAFreeBodyIsZeroInFlightAndItsMomentumChangeInContact) {
-  const Run r = run(robot_toml);
+TEST(Simulate, TheForceOnAFreeBodyIsZeroInFlightAndItsImpulseTheChangeOfMomentum) {
+  const Finished r = run(robot_toml);
   const std::vector<double>&force = channel(r, "block_force"), &height = channel(r, "block_height");
   const double m = 1000 * 0.008 * 0.008 * 0.02, g = 9.81;
   EXPECT_NEAR(force[1], 0, 1e-9) << "in flight";
@@ -92,13 +97,13 @@ TEST(Simulate, TheForceOnAFreeBodyIsZeroInFlightAndItsMomentumChangeInContact) {
 
 TEST(Simulate, AllIntegratorsComeToTheSameTrajectory) {
   // Without the falling block: contact is met by each method as it can.
-  std::string toml = robot_toml;
+  std::string toml = without_net_force(robot_toml);
   toml = replaced(toml, "velocity = [\"0 m/s\", \"-0.5 m/s\"]", "at = [\"20 mm\", \"200 mm\"]");
   toml = replaced(toml, "at = [\"20 mm\", \"-38 mm\"]\n", "");
   toml = replaced(toml, "duration = \"40 ms\"\nstep = \"2 ms\"", "duration = \"30 ms\"\nstep = \"0.25 ms\"");
   const auto tip = [&](const std::string& integrator, const std::string& step = "0.25 ms") {
     std::string changed = replaced(toml, "integrator = \"implicit_euler\"", "integrator = \"" + integrator + "\"");
-    const Run r = run(replaced(changed, "step = \"0.25 ms\"", "step = \"" + step + "\""));
+    const Finished r = run(replaced(changed, "step = \"0.25 ms\"", "step = \"" + step + "\""));
     EXPECT_EQ(r.result.failure, "") << integrator;
     return channel(r, "tip_y").back();
   };
@@ -113,12 +118,13 @@ TEST(Simulate, AllIntegratorsComeToTheSameTrajectory) {
 }
 
 TEST(Simulate, AStaticRunIsASequenceOfEquilibria) {
-  std::string toml = replaced(robot_toml, "integrator = \"implicit_euler\"", "integrator = \"static\"");
+  std::string toml =
+      replaced(without_net_force(robot_toml), "integrator = \"implicit_euler\"", "integrator = \"static\"");
   // A free body has no equilibrium.
   expect_input_error([&] { run(toml); }, {"rigid motions free"});
   toml = replaced(toml, "at = [\"20 mm\", \"-38 mm\"]\nvelocity = [\"0 m/s\", \"-0.5 m/s\"]",
                   "at = [\"20 mm\", \"-38 mm\"]\nclamped = [\"ymin\"]");
-  const Run r = run(toml);
+  const Finished r = run(toml);
   EXPECT_EQ(r.result.failure, "");
   for (size_t k = 0; k < r.result.times.size(); k += 5) {
     const Params p = r.robot.at(r.simulation, r.result.times[k]);
@@ -170,11 +176,30 @@ const std::vector<Wrong> mistakes{
      "at = [\"20 mm\", \"-38 mm\"]",
      "at = [\"20 mm\", \"-42 mm\"]",
      {"[contact]", "cross each other at rest"}},
-    {"a negative mass", "value = \"2 g\"", "value = \"-2 g\"", {"[[load]] value", "negative"}},
+    {"a negative mass", "value = \"2 g\"", "value = \"-2 g\"", {"[load] value", "negative"}},
     {"a negative density",
      "density = \"100 kg/m3\"",
      "density = \"-100 kg/m3\"",
      {"[materials.foam] density", "positive"}},
+    {"a negative mass by a control",
+     "value = \"2 g\"",
+     "control = \"weight\"\n\n[[control]]\nid = \"weight\"\nstart = \"2 g\"\n[[control.piece]]\nuntil = \"1 s\"\nto = "
+     "\"-2 g\"",
+     {"negative"}},
+    {"a plot of nothing",
+     "y = [\"tip_turn\"]",
+     "y = [\"tip_trun\"]",
+     {"[plot]", "'tip_trun'", "did you mean 'tip_turn'"}},
+    {"a control that moves nothing",
+     "[[load]]",
+     "[[control]]\nid = \"idle\"\nstart = \"0 mm\"\n\n[[load]]",
+     {"'idle'", "moves nothing"}},
+    {"a body inside another", "at = [\"20 mm\", \"-38 mm\"]", "at = [\"20 mm\", \"-4 mm\"]", {"'block'", "inside"}},
+    {"a period of zero",
+     "kind = \"linear\"\nto = \"20 deg\"",
+     "kind = \"sine\"\namplitude = \"2 deg\"\nperiod = \"0 s\"",
+     {"period", "positive"}},
+    {"steps without end", "duration = \"40 ms\"", "duration = \"1000000000 s\"", {"duration", "steps"}},
     {"NaN in a schedule", "to = \"20 deg\"", "to = \"nan deg\"", {"nan"}},
     {"NaN start", "start = \"0 mm\"", "start = \"nan mm\"", {"nan"}},
     {"pieces out of order",

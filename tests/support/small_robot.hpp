@@ -72,6 +72,7 @@ between = ["world", "arm"]
 at = ["2 mm", "0 mm"]
 motor_at = ["2 mm", "4 mm"]
 radius = "3 mm"
+stiffness = "1000 N/mm"
 angle = "motor"
 
 [[load]]
