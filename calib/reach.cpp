@@ -102,7 +102,7 @@ Reach reach_of(const std::vector<Eigen::Vector2d>& points, double radius) {
   if (!(radius > 0)) throw InputError("the disc around which a reach is drawn needs a positive radius");
   Reach reach;
   if (points.empty()) return reach;
-  constexpr double fineness = 12;  // cells per radius
+  constexpr double fineness = 24;  // cells per radius
   const double cell = radius / fineness;
   Eigen::Vector2d low = points[0], high = points[0];
   for (const Eigen::Vector2d& point : points) {

@@ -59,7 +59,7 @@ double rate_of(const Solved& solved) {
 void print_answer(const Simulation& simulation, const Robot& robot, const Solved& solved) {
   const IkAnswer& answer = solved.answers.front();
   const IkResult& result = answer.result;
-  fmt::print("{:<12} {}\n", solved.target->name, result.message);
+  fmt::print("{}: {}\n", solved.target->name, result.message);
   for (size_t j = 0; j < answer.free.size() && result.controls.size() > 0; ++j) {
     const size_t k = answer.free[j];
     fmt::print("  {:<10} {:>14}{}\n", simulation.controls[k].id,
@@ -83,8 +83,8 @@ void print_answer(const Simulation& simulation, const Robot& robot, const Solved
 void print_path(const Solved& solved) {
   int reached = 0;
   for (const IkAnswer& answer : solved.answers) reached += answer.result.status == IkStatus::reached;
-  fmt::print("{:<12} {} of {} points reached; {:.2g} targets per second after the first\n", solved.target->name,
-             reached, solved.answers.size(), rate_of(solved));
+  fmt::print("{}: {} of {} points reached; {:.2g} targets per second after the first\n", solved.target->name, reached,
+             solved.answers.size(), rate_of(solved));
   for (size_t k = 0; k < solved.answers.size(); ++k) {
     const IkResult& result = solved.answers[k].result;
     fmt::print("  {:>3} {:<12} error {:.2e} mm, {:>3} iterations, {:>4} factorisations, {:.2f} s\n", k + 1,

@@ -136,13 +136,6 @@ TEST(Simulate, AStaticRunIsASequenceOfEquilibria) {
   }
 }
 
-TEST(Workspace, HullAndAreaOfASquareWithPointsInside) {
-  const std::vector<Eigen::Vector2d> hull =
-      convex_hull({{0, 0}, {2, 0}, {1, 1}, {2, 2}, {0, 2}, {1, 0}, {0.5, 1.5}, {0, 0}});
-  EXPECT_EQ(hull.size(), 4u);
-  EXPECT_DOUBLE_EQ(area_of(hull), 4);
-}
-
 struct Wrong {
   std::string what, from, to;
   std::vector<std::string> parts;
@@ -239,8 +232,8 @@ const std::vector<Wrong> mistakes{
      "velocity = [\"0 m/s\", \"-5 mm\"]",
      {"velocity", "speed"}},
 };
-INSTANTIATE_TEST_SUITE_P(All, WrongSimulation, testing::ValuesIn(mistakes), [](const auto& info) {
-  std::string name = info.param.what;
+INSTANTIATE_TEST_SUITE_P(All, WrongSimulation, testing::ValuesIn(mistakes), [](const auto& wrong) {
+  std::string name = wrong.param.what;
   for (char& c : name) c = std::isalnum(static_cast<unsigned char>(c)) != 0 ? c : '_';
   return name;
 });

@@ -167,7 +167,6 @@ TEST(RotationChannel, IsTheAngleOfATurnedBodyAndItsGradientTheDerivative) {
     const Eigen::Vector3d axis = d == 2 ? Eigen::Vector3d::UnitZ() : Eigen::Vector3d(1, 2, -1).normalized();
     const auto channel =
         make_rotation_channel(mesh, mesh.select("xmax"), d == 2 ? Eigen::VectorXd() : Eigen::VectorXd(axis));
-    const Params none;
     for (double angle : {0.0, 0.4, -1.3, 2.9}) {
       const Eigen::Matrix3d R = Eigen::AngleAxisd(angle, axis).toRotationMatrix();
       Eigen::VectorXd u(mesh.X.size());
