@@ -315,7 +315,7 @@ TEST(TimeStepper, TheAdjointGradientEqualsTheForwardOneStepByStep) {
     TimeStepperOptions options;
     options.integrator = integrator;
     options.step = 2e-3;
-    options.equilibrium.step_tolerance = 1e-12;
+    options.equilibrium.step_tolerance = 1e-14;
     const int steps = 24;
     // Forward: theta_k is the parameter in step k alone; every second one, to spare time.
     TimeStepper stepper(model, options);
