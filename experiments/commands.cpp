@@ -158,40 +158,6 @@ double sigma_at(const RunRecord& record, const std::string& channel, double load
   return (1 - t) * sigma(below) + t * sigma(above);
 }
 
-FitOptions fit_options(const CommandOptions& options, const Session& session, const std::vector<FreeParameter>& free,
-                       Progress& progress, const std::string& what) {
-  FitOptions result;
-  result.stop = options.stop;
-  result.all_profiles = session.experiment.all_profiles;
-  result.progress = [&progress, &session, &free, what](const FitProgress& state) {
-    std::string text = fmt::format("{}: evaluation {}, chi squared {:.5g}", what, state.evaluation, state.chi_squared);
-    for (size_t j = 0; j < free.size(); ++j) {
-      const ParameterSpec& spec = session.bench.protocol->parameters()[free[j].index];
-      text += fmt::format(", {} = {}", spec.id, with_unit(state.values[j], spec.unit));
-    }
-    progress.show(text);
-  };
-  return result;
-}
-
-VariantRecord as_variant(const std::string& name, const MeshSettings& mesh, const StaticProtocol& protocol,
-                         const FitResult& fit, double seconds) {
-  VariantRecord record;
-  record.name = name;
-  record.mesh = mesh.describe();
-  record.unknowns = protocol.scene().model->free_unknowns();
-  record.status = name_of(fit.status);
-  record.chi_squared = fit.chi_squared;
-  record.seconds = seconds;
-  if (fit.status == FitStatus::converged) {
-    for (const ParameterEstimate& e : fit.parameters) {
-      record.values.push_back(e.value);
-      record.standard_errors.push_back(e.standard_error);
-    }
-  }
-  return record;
-}
-
 /// The same fit with another mesh, started from the main one's result. What fails costs that variant.
 VariantRecord fit_variant(const Session& session, const VariantSettings& variant, const FitResult& main,
                           const CommandOptions& options, Progress& progress) {
@@ -200,11 +166,12 @@ VariantRecord fit_variant(const Session& session, const VariantSettings& variant
     const StaticBench bench = make_static_bench(session.experiment, variant.mesh, session.trials);
     std::vector<FreeParameter> free = free_parameters(session.experiment, *bench.protocol);
     for (size_t j = 0; j < free.size(); ++j) free[j].start = main.parameters[j].value;
-    FitOptions how = fit_options(options, session, free, progress, "variant " + variant.name);
+    FitOptions how = fit_options(options, session.experiment, session.bench.protocol->parameters(), free, progress,
+                                 "variant " + variant.name);
     how.profiles = false;
     how.tolerance = 1e-6;
     const FitResult fit_result = fit(*bench.protocol, bench.measurements, free, how);
-    return as_variant(variant.name, variant.mesh, *bench.protocol, fit_result, watch.seconds());
+    return as_variant(variant.name, variant.mesh, *bench.protocol->scene().model, fit_result, watch.seconds());
   } catch (const InputError& error) {
     VariantRecord record;
     record.name = variant.name;
@@ -410,8 +377,11 @@ int fit_command(const CommandOptions& options) {
                            protocol.conditions().size(), protocol.scene().model->free_unknowns()));
 
   const Stopwatch fit_watch;
-  record.fit = fit(protocol, session.bench.measurements, free, fit_options(options, session, free, progress, "fit"));
-  record.main = as_variant("this fit", session.experiment.mesh, protocol, record.fit, fit_watch.seconds());
+  record.fit =
+      fit(protocol, session.bench.measurements, free,
+          fit_options(options, session.experiment, session.bench.protocol->parameters(), free, progress, "fit"));
+  record.main =
+      as_variant("this fit", session.experiment.mesh, *protocol.scene().model, record.fit, fit_watch.seconds());
   if (record.fit.status == FitStatus::start_failed) {
     for (const std::string& failure : record.fit.failures) fmt::print(stderr, "taut: {}\n", failure);
     fmt::print(stderr,

@@ -194,49 +194,17 @@ std::vector<CurveRecord> make_curves(const RecordingSession& session, const Para
   return curves;
 }
 
-FitOptions fit_options(const CommandOptions& options, const RecordingSession& session,
-                       const std::vector<FreeParameter>& free, Progress& progress, const std::string& what) {
-  FitOptions result;
-  result.stop = options.stop;
-  result.all_profiles = session.experiment.all_profiles;
-  result.progress = [&progress, &session, &free, what](const FitProgress& state) {
-    std::string text = fmt::format("{}: evaluation {}, chi squared {:.5g}", what, state.evaluation, state.chi_squared);
-    for (size_t j = 0; j < free.size(); ++j) {
-      const ParameterSpec& spec = session.bench.protocol->parameters()[free[j].index];
-      text += fmt::format(", {} = {}", spec.id, with_unit(state.values[j], spec.unit));
-    }
-    progress.show(text);
-  };
-  return result;
-}
-
-VariantRecord as_variant(const std::string& name, const MeshSettings& mesh, const RecordingProtocol& protocol,
-                         const FitResult& fit, double seconds) {
-  VariantRecord record;
-  record.name = name;
-  record.mesh = mesh.describe();
-  record.unknowns = protocol.scene().model->free_unknowns();
-  record.status = name_of(fit.status);
-  record.chi_squared = fit.chi_squared;
-  record.seconds = seconds;
-  if (fit.status != FitStatus::converged) return record;
-  for (const ParameterEstimate& e : fit.parameters) {
-    record.values.push_back(e.value);
-    record.standard_errors.push_back(e.standard_error);
-  }
-  return record;
-}
-
 VariantRecord fit_variant(const RecordingSession& session, const VariantSettings& variant, const FitResult& main,
                           const CommandOptions& options, Progress& progress) {
   const Clock::time_point start = Clock::now();
   const RecordingBench bench = make_recording_bench(session.experiment, variant.mesh, session.samples);
   std::vector<FreeParameter> free = free_parameters(session.experiment, *bench.protocol);
   for (size_t j = 0; j < free.size(); ++j) free[j].start = main.parameters[j].value;
-  FitOptions how = fit_options(options, session, free, progress, "variant " + variant.name);
+  FitOptions how = fit_options(options, session.experiment, session.bench.protocol->parameters(), free, progress,
+                               "variant " + variant.name);
   how.profiles = false;
   const FitResult result = fit(*bench.protocol, bench.measurements, free, how);
-  return as_variant(variant.name, variant.mesh, *bench.protocol, result, seconds_since(start));
+  return as_variant(variant.name, variant.mesh, *bench.protocol->scene().model, result, seconds_since(start));
 }
 
 /// Copies the experiment file and the recordings, which keep their names.
@@ -326,8 +294,11 @@ int fit_recordings(const CommandOptions& options) {
   progress.say(fmt::format("fitting {} samples of {} recordings, {} trajectories with {} unknowns",
                            session.samples.size(), protocol.recordings().size(), protocol.trajectories(),
                            protocol.scene().model->free_unknowns()));
-  record.fit = fit(protocol, session.bench.measurements, free, fit_options(options, session, free, progress, "fit"));
-  record.main = as_variant("this fit", session.experiment.mesh, protocol, record.fit, seconds_since(start));
+  record.fit =
+      fit(protocol, session.bench.measurements, free,
+          fit_options(options, session.experiment, session.bench.protocol->parameters(), free, progress, "fit"));
+  record.main =
+      as_variant("this fit", session.experiment.mesh, *protocol.scene().model, record.fit, seconds_since(start));
   if (record.fit.status == FitStatus::start_failed) {
     for (const std::string& failure : record.fit.failures) fmt::print(stderr, "taut: {}\n", failure);
     fmt::print(stderr, "taut: the simulation failed at the start of the fit; change the start values\n");

@@ -269,6 +269,39 @@ std::string series_of(const Session& session, const std::vector<double>& control
   return text;
 }
 
+FitOptions fit_options(const CommandOptions& options, const Experiment& experiment, const ParameterTable& table,
+                       const std::vector<FreeParameter>& free, Progress& progress, const std::string& what) {
+  FitOptions result;
+  result.stop = options.stop;
+  result.all_profiles = experiment.all_profiles;
+  result.progress = [&progress, &table, &free, what](const FitProgress& state) {
+    std::string text = fmt::format("{}: evaluation {}, chi squared {:.5g}", what, state.evaluation, state.chi_squared);
+    for (size_t j = 0; j < free.size(); ++j) {
+      const ParameterSpec& spec = table[free[j].index];
+      text += fmt::format(", {} = {}", spec.id, with_unit(state.values[j], spec.unit));
+    }
+    progress.show(text);
+  };
+  return result;
+}
+
+VariantRecord as_variant(const std::string& name, const MeshSettings& mesh, const Model& model, const FitResult& fit,
+                         double seconds) {
+  VariantRecord record;
+  record.name = name;
+  record.mesh = mesh.describe();
+  record.unknowns = model.free_unknowns();
+  record.status = name_of(fit.status);
+  record.chi_squared = fit.chi_squared;
+  record.seconds = seconds;
+  if (fit.status != FitStatus::converged) return record;
+  for (const ParameterEstimate& e : fit.parameters) {
+    record.values.push_back(e.value);
+    record.standard_errors.push_back(e.standard_error);
+  }
+  return record;
+}
+
 RunRecord start_record(const Session& session, const CommandOptions& options) {
   RunRecord record;
   record.title = session.experiment.title;

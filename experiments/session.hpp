@@ -61,6 +61,15 @@ int load_control(const Session& session);
 /// What is held besides the load, as a label; "" when nothing else varies.
 std::string series_of(const Session& session, const std::vector<double>& controls);
 
+/// How a fit is to run: with the experiment's profiles, the command's stop flag, and progress that names `what` is
+/// fitted. The references have to outlive the fit.
+FitOptions fit_options(const CommandOptions& options, const Experiment& experiment, const ParameterTable& table,
+                       const std::vector<FreeParameter>& free, Progress& progress, const std::string& what);
+
+/// A fit as a row of the table of variants.
+VariantRecord as_variant(const std::string& name, const MeshSettings& mesh, const Model& model, const FitResult& fit,
+                         double seconds);
+
 /// What a fit found, for people, on stdout.
 void print_fit(const RunRecord& record);
 

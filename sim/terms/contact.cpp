@@ -83,7 +83,7 @@ struct Contact::Surface {
   std::vector<int> edge_stiffness;  ///< -1: the other side's
   std::vector<double> length;       ///< of rest boundary per vertex [m]
   List edges_at, stiffness_at;      ///< per vertex
-  BoxTree body_tree, obstacle_tree;
+  BoxTree<2> body_tree, obstacle_tree;
 
   int vertices() const { return static_cast<int>(X.cols()); }
   bool contains(int edge, int vertex) const {
@@ -228,13 +228,13 @@ void Contact::Surface::find_neighbours() {
     stiffness_at.items.insert(stiffness_at.items.end(), kinds.begin(), kinds.end());
     stiffness_at.offsets.push_back(stiffness_at.items.size());
   }
-  body_tree = BoxTree(body);
-  obstacle_tree = BoxTree(obstacles);
+  body_tree = BoxTree<2>(body);
+  obstacle_tree = BoxTree<2>(obstacles);
 }
 
 template <class EdgeBox>
 Contact::Surface::Boxes Contact::Surface::enclose(EdgeBox&& edge_box) const {
-  const auto boxes_of = [&](const BoxTree& tree, int begin, int end) {
+  const auto boxes_of = [&](const BoxTree<2>& tree, int begin, int end) {
     std::vector<Box> leaves;
     leaves.reserve(static_cast<size_t>(end - begin));
     for (int e = begin; e < end; ++e) leaves.push_back(edge_box(edges[static_cast<size_t>(e)]));

@@ -33,12 +33,12 @@ struct ContactSettings {
   /// Fixed polylines [m]; first = last point closes one. Both sides of a contact are sampled at their points and carry
   /// half of the pressure each, so an obstacle needs points as close as those of what touches it.
   std::vector<std::vector<Eigen::Vector2d>> obstacles;
-  std::vector<GroundLine> grounds;  ///< fixed half-planes; they carry their whole pressure at the bodies' nodes
+  std::vector<GroundLine> grounds;        ///< fixed half-planes; they carry their whole pressure at the bodies' nodes
   std::vector<int> part;                  ///< per mesh node: the part of the mesh it is of; empty: there is one
   std::vector<std::array<int, 2>> apart;  ///< pairs of parts that do not see each other: what a joint connects
-  int obstacle_stiffness = -1;      ///< table index of kappa of obstacles and grounds; -1: they take the body's
-  int gap = -1;                     ///< table index of dhat > 0 [m]: the distance at which the barrier sets in
-  int thickness = -1;               ///< table index of the thickness [m]; -1: 1 m. The pair sums have none
+  int obstacle_stiffness = -1;            ///< table index of kappa of obstacles and grounds; -1: they take the body's
+  int gap = -1;                           ///< table index of dhat > 0 [m]: the distance at which the barrier sets in
+  int thickness = -1;                     ///< table index of the thickness [m]; -1: 1 m. The pair sums have none
 };
 
 /// Straight edges of a 2D mesh's boundary, outward oriented; a quadratic edge gives two, split at its mid-node.

@@ -98,7 +98,7 @@ struct Contact3d::Surface {
   std::vector<double> area, edge_area;             ///< w_i and w_e [m2]
   std::vector<double> edge_length;                 ///< at rest [m]
   List triangles_at, edges_at, triangles_at_edge;
-  BoxTree3 triangle_tree, edge_tree;
+  BoxTree<3> triangle_tree, edge_tree;
 
   Surface(const Mesh& mesh, Contact3dSettings given);
   void find_edges();
@@ -245,8 +245,8 @@ void Contact3d::Surface::find_edges() {
   triangles_at.assign(at_vertex);
   triangles_at_edge.assign(at_edge);
   edges_at.assign(edges_of);
-  triangle_tree = BoxTree3(centres);
-  edge_tree = BoxTree3(middles);
+  triangle_tree = BoxTree<3>(centres);
+  edge_tree = BoxTree<3>(middles);
 }
 
 template <class BoxOf, class Visit, class VisitEdges>

@@ -329,37 +329,4 @@ bool segment_meets_triangle(const Vector3d& a, const Vector3d& b, const std::arr
   return false;
 }
 
-BoxTree3::BoxTree3(const std::vector<Vector3d>& places) {
-  std::vector<int> order(places.size());
-  std::iota(order.begin(), order.end(), 0);
-  if (!places.empty()) build(places, order, 0, places.size());
-}
-
-void BoxTree3::build(const std::vector<Vector3d>& places, std::vector<int>& order, size_t begin, size_t end) {
-  const size_t self = leaf_.size();
-  leaf_.push_back(end - begin == 1 ? order[begin] : -1);
-  next_.push_back(self + 2 * (end - begin) - 1);
-  if (end - begin == 1) return;
-  Box3 box;
-  for (size_t i = begin; i < end; ++i) box.extend(places[static_cast<size_t>(order[i])]);
-  int axis = 0;
-  box.sizes().maxCoeff(&axis);
-  const size_t middle = begin + (end - begin) / 2;
-  std::sort(order.begin() + static_cast<std::ptrdiff_t>(begin), order.begin() + static_cast<std::ptrdiff_t>(end),
-            [&](int one, int two) {
-              const double x = places[static_cast<size_t>(one)][axis], y = places[static_cast<size_t>(two)][axis];
-              return x < y || (x == y && one < two);
-            });
-  build(places, order, begin, middle);
-  build(places, order, middle, end);
-}
-
-std::vector<Box3> BoxTree3::enclose(const std::vector<Box3>& leaves) const {
-  std::vector<Box3> boxes(leaf_.size());
-  for (size_t k = leaf_.size(); k-- > 0;) {
-    boxes[k] = leaf_[k] >= 0 ? leaves[static_cast<size_t>(leaf_[k])] : boxes[k + 1].merged(boxes[next_[k + 1]]);
-  }
-  return boxes;
-}
-
 }  // namespace taut

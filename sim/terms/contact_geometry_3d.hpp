@@ -4,6 +4,8 @@
 #include <array>
 #include <vector>
 
+#include "sim/terms/box_tree.hpp"
+
 // Geometry of contact in space: distances of points, lines and planes with derivatives, motion without collision,
 // crossing of segments and triangles, and the search for what is near. Relative positions are handed over as vectors,
 // so that the caller can form them from displacements and keep their digits.
@@ -108,37 +110,5 @@ bool segment_meets_triangle(const Eigen::Vector3d& a, const Eigen::Vector3d& b,
                             const std::array<Eigen::Vector3d, 3>& triangle);
 
 using Box3 = Eigen::AlignedBox3d;
-
-/// A binary tree over boxes in space, as BoxTree in the plane: made once from places at rest, for the boxes of any
-/// state.
-class BoxTree3 {
- public:
-  BoxTree3() = default;
-  /// One leaf per place [m].
-  explicit BoxTree3(const std::vector<Eigen::Vector3d>& places);
-
-  /// Boxes of all tree nodes from those of the leaves: O(n).
-  std::vector<Box3> enclose(const std::vector<Box3>& leaves) const;
-
-  /// Calls visit(leaf) for every leaf whose box meets `query`, always in the same order.
-  template <class Visit>
-  void visit(const std::vector<Box3>& boxes, const Box3& query, Visit&& visit) const {
-    for (size_t k = 0; k < leaf_.size();) {
-      if (!boxes[k].intersects(query)) {
-        k = next_[k];
-        continue;
-      }
-      if (leaf_[k] >= 0) visit(leaf_[k]);
-      ++k;
-    }
-  }
-
- private:
-  void build(const std::vector<Eigen::Vector3d>& places, std::vector<int>& order, size_t begin, size_t end);
-
-  // Depth first: the children of node k are k + 1 and next_[k + 1].
-  std::vector<int> leaf_;     ///< -1: inner node
-  std::vector<size_t> next_;  ///< the node after the whole subtree
-};
 
 }  // namespace taut

@@ -170,6 +170,31 @@ TEST(Viscosity, ARigidMotionCostsNothing) {
   }
 }
 
+TEST(Viscosity, AShearThatKeepsTheVolumeCostsNoVolumeViscosity) {
+  // Simple shear g: F = [1 g; 0 1], E = [0 g/2; g/2 g^2/2], J = 1. With nu near 1/2 lambda is 5000 mu; none of it
+  // counts.
+  for (ElementShape shape : all_shapes) {
+    TermUnderTest t = case_of(Kind::viscous, shape);
+    const Mesh& mesh = t.model.mesh();
+    const int d = mesh.dimension();
+    t.p[poisson_ratio] = 0.4999;
+    const auto sheared = [&](double g) {
+      Eigen::VectorXd u = Eigen::VectorXd::Zero(mesh.X.size());
+      for (int i = 0; i < mesh.node_count(); ++i) u[i * d] = g * mesh.node(i)[1];
+      return u;
+    };
+    const double g = 0.6, g1 = 0.4, a0 = 100;
+    *t.step = {0, sheared(0), {a0, -a0, 0}, sheared(g1), {}};
+    double volume = 0;
+    for (double measure : element_measures(mesh)) volume += measure;
+    const double mu = t.p[youngs_modulus] / (2 * (1 + t.p[poisson_ratio]));
+    const double off = a0 * (g - g1) / 2, diagonal = a0 * (g * g - g1 * g1) / 2;
+    const double thick = d == 2 ? t.p[thickness] : 1.0;
+    const double expected = t.p[beta] * thick * volume / (2 * a0) * 2 * mu * (2 * off * off + diagonal * diagonal);
+    EXPECT_NEAR(energy_of(t.model, sheared(g), t.p, t.step.get()), expected, 1e-9 * expected) << t.name;
+  }
+}
+
 TEST(Viscosity, ForSmallStrainsItIsBetaTimesTheElasticHessianAtRest) {
   for (ElementShape shape : all_shapes) {
     TermUnderTest t = case_of(Kind::viscous, shape);
