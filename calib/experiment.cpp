@@ -332,7 +332,8 @@ std::string MeshSettings::describe() const {
 Experiment read_experiment(const std::string& path) {
   const toml::table file = parse_experiment_file(path);
   if (file.contains("simulation"))
-    throw InputError(fmt::format("{0}: this file describes a simulation, without a bench; run `taut simulate {0}`", path));
+    throw InputError(
+        fmt::format("{0}: this file describes a simulation, without a bench; run `taut simulate {0}`", path));
   TableReader root(file, path, "");
   Experiment experiment;
   experiment.path = path;

@@ -176,7 +176,8 @@ const std::vector<Wrong> mistakes{
      {"[materials.foam] density", "positive"}},
     {"a negative mass by a control",
      "value = \"2 g\"",
-     "control = \"weight\"\n\n[[control]]\nid = \"weight\"\nstart = \"2 g\"\n[[control.piece]]\nuntil = \"20 ms\"\nto = "
+     "control = \"weight\"\n\n[[control]]\nid = \"weight\"\nstart = \"2 g\"\n[[control.piece]]\nuntil = \"20 ms\"\nto "
+     "= "
      "\"-2 g\"",
      {"negative"}},
     {"a plot of nothing",
