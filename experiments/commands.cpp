@@ -129,8 +129,8 @@ void print_fit(const RunRecord& record) {
   for (const ReferenceRecord& reference : record.references) {
     for (const ParameterEstimate& e : fit.parameters) {
       if (e.spec.id == reference.parameter) {
-        fmt::print("published {} = {} ({}): ours is {:+.1f} %\n", e.spec.id, with_unit(reference.value, e.spec.unit),
-                   reference.source, 100 * (e.value / reference.value - 1));
+        fmt::print("for comparison {} = {} ({}): ours is {:+.1f} %\n", e.spec.id,
+                   with_unit(reference.value, e.spec.unit), reference.source, 100 * (e.value / reference.value - 1));
       }
     }
   }
