@@ -54,6 +54,7 @@ TEST(SlowRobots, TheModuleLiftsItsLoadAsItStiffensAndComesBack) {
     return at(0.5);  // in motion, lips still open
   };
   const double coarse = drop_at(20e-3), middle = drop_at(10e-3), fine = drop_at(5e-3);
+  // BDF2 has order 2; here it was seen at 3.5, between slack and taut cables and not yet in its asymptotic range.
   EXPECT_GT(std::log2((coarse - middle) / (middle - fine)), 1.5) << coarse << " " << middle << " " << fine;
 }
 
