@@ -28,7 +28,8 @@ struct MeshSettings {
   int core_cells = TwistModuleMesh().core_cells;  ///< twist: across the core
   int tile_cells = SheetMesh().tile_cells;        ///< sheet: along a tile
   int strip_cells = SheetMesh().strip_cells;      ///< sheet: across a strip of foam
-  int layers = 1;                                 ///< twist: in each rim and gap; sheet: through the thickness
+  int depth_cells = 0;  ///< a 2D kind as a solid: elements across half of its thickness; 0: it is plane
+  int layers = 1;       ///< twist: in each rim and gap; sheet: through the thickness
   int order = 2;
   Formulation formulation = Formulation::standard;
   double contact_gap = 0;        ///< distance at which contact sets in [m]; 0: 2e-5 of the specimen's diagonal
@@ -169,11 +170,22 @@ struct DynamicsSettings {
   std::map<std::string, double> mass_damping, stiffness_damping;  ///< region to alpha [1/s], beta [s]
 };
 
+/// `model`: how much of an experiment is modelled. From cheap to full; see calib/ladder.hpp.
+enum class Rung {
+  beam,            ///< a chain of Timoshenko beams, in closed form
+  rigid_segments,  ///< finite elements, in which stiff regions are rigid
+  full,            ///< as the file says
+  solid,           ///< a plane section as a solid of its thickness
+  automatic        ///< the first of these that is good enough, row by row
+};
+
 /// One experiment as its TOML file describes it, checked key by key; SI units inside.
 struct Experiment {
   std::string path;  ///< of the TOML file
   std::string title;
-  bool simulated = false;  ///< data = "simulated": said wherever the data are shown
+  Rung model = Rung::full;
+  double tolerance = 0.02;  ///< of model = "auto": the largest relative change by the next rung that is left aside
+  bool simulated = false;   ///< data = "simulated": said wherever the data are shown
   GeometrySettings geometry;
   MeshSettings mesh;
   std::vector<MaterialSettings> materials;

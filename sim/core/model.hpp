@@ -18,8 +18,9 @@ struct Support {
 /// A connected piece of one material, and the table index of its Young's modulus.
 struct Body {
   std::vector<int> nodes;
-  int modulus = 0;
+  int modulus = -1;        ///< -1: rigid, see SceneBuilder::add_rigid
   bool supported = false;  ///< a support prescribes some of its displacements
+  bool rigid() const { return modulus < 0; }
 };
 
 /// Sparsity pattern of the Hessian on the free unknowns: lower triangle, compressed columns, rows ascending.

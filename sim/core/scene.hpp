@@ -53,6 +53,10 @@ class SceneBuilder {
   void add_solid(const std::string& region, const std::string& law, const std::map<std::string, double>& constants,
                  Formulation formulation = Formulation::standard);
 
+  /// A region without strain: each connected piece of it moves as one, by three unknowns in 2D and six in 3D. Statics
+  /// only. A piece that is supported at all has to be clamped: build() throws InputError otherwise.
+  void add_rigid(const std::string& region);
+
   /// Clamps components (0 = x, ...) of all nodes of a tag.
   void fix(const std::string& tag, const std::vector<int>& components);
   /// Holds the mean displacement of a face at zero, and its rotation by a spring (2D). Declares "k_base" [Nm/rad].
@@ -127,6 +131,7 @@ class SceneBuilder {
   std::vector<std::unique_ptr<Term>> terms_;
   std::vector<bool> has_material_;
   std::vector<int> modulus_;  ///< per region: table index of its Young's modulus, -1 without one
+  std::vector<bool> rigid_;   ///< per region
   std::map<int, Support> supports_;
   std::vector<int> clamped_;  ///< nodes of elastic clamps
   std::vector<Joint> joints_;

@@ -22,16 +22,29 @@ enum class SolveStatus {
 };
 std::string_view name_of(SolveStatus status);
 
+/// Which trial steps a line search takes.
+enum class LineSearch {
+  watchdog,  ///< sufficient decrease, a full step on trust once, gradients where energies drown in rounding
+  armijo,    ///< sufficient decrease of the energy alone; for comparison
+  none       ///< every step in full, whatever the energy does; for comparison
+};
+
 /// How an equilibrium is searched. The defaults serve statics with stiffness ratios up to 1e6.
 struct EquilibriumOptions {
   int max_iterations = 40;         ///< Newton iterations per load step before it is halved; after buckling 4 times this
   double step_tolerance = 1e-9;    ///< largest component of the last Newton step, relative to the bounding-box diagonal
   int max_halvings = 10;           ///< smallest load step is 2^-max_halvings of the whole
   int max_total_iterations = 400;  ///< over all load steps of one solve
-  bool always_project = false;     ///< for comparison only: project the Hessian in every iteration
+  int load_steps = 1;              ///< equal steps to begin with; failed ones are halved, as max_halvings allows
   bool check_minimum = true;       ///< leave saddle points (buckling) and say so
   bool check_path = false;         ///< look for slips to another equilibrium between load steps, and shorten them there
   const std::atomic<bool>* stop = nullptr;  ///< raised by another thread or a signal handler: end soon
+  // What other solvers do. For comparison only: tests/verification/stress_*_test.cpp show where each of them fails.
+  bool always_project = false;  ///< project the Hessian in every iteration
+  LineSearch line_search = LineSearch::watchdog;
+  bool straight_steps = false;  ///< stiff bodies do not turn with the step
+  bool ignore_contact = false;  ///< steps are not cut where something would be passed through
+  double stop_at_force = 0;     ///< converged when the largest out-of-balance force [N] is below this; 0: by the step
 };
 
 /// What a solve took and how it ended.

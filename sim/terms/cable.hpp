@@ -22,6 +22,7 @@ struct Cable {
   int slack = -1;                  ///< [m]; the cable is that much longer than its path at rest; -1: none
   int retraction = -1;             ///< u [m]; -1: none
   double smoothing = 2e-6;         ///< eps [m], width of the transition from slack to taut; 0: none
+  double share = 1;                ///< of the cable's energy; 0.5 in a model of one half of a symmetric body
 };
 
 /// Energy of an elastic cable that runs without friction through its points and cannot push:

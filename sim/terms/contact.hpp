@@ -13,7 +13,8 @@ namespace taut {
 enum class ContactForm {
   length_weighted,  ///< weighted by rest length: kappa is a pressure, the answer does not depend on the number of nodes
   pair_sum,         ///< the paper's plain sum over all pairs, kappa in N/m; for comparison
-  pair_sum_dedup    ///< the same, a vertex shared by several edges counted once
+  pair_sum_dedup,   ///< the same, a vertex shared by several edges counted once
+  penalty           ///< length-weighted, but a spring instead of the barrier, and nothing stops a step; for comparison
 };
 
 /// A fixed straight line with its admissible side: x is admissible when (x - point) . normal > 0.
