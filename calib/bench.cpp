@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 
 #include "calib/geometry.hpp"
@@ -43,9 +44,34 @@ int declare_control(SceneBuilder& builder, const std::string& id, Quantity quant
   return builder.declare(control_spec(id, quantity), value);
 }
 
-void add_load(SceneBuilder& builder, const LoadSettings& load, int control, int gravity) {
+/// Half of a force or a hung mass on one half of a solid.
+void add_half_load(SceneBuilder& builder, const LoadSettings& load, int control, int times, int depth_cells) {
+  const Mesh& mesh = builder.mesh();
+  const Eigen::VectorXd direction = vector_of(load.direction);
+  Eigen::VectorXd weights = Eigen::VectorXd::Zero(mesh.X.size());
+  if (load.point.empty()) {
+    weights = mean_weights(mesh, mesh.select(load.on), direction);
+  } else {
+    // Simpson's rule over each layer: exact for what elements up to quadratic ones interpolate.
+    double depth = 0;
+    for (int i = 0; i < mesh.node_count(); ++i) depth = std::max(depth, mesh.node(i)[2]);
+    for (int i = 0; i <= 2 * depth_cells; ++i) {
+      Eigen::VectorXd point = vector_of(load.point);
+      point[2] = depth * i / (2 * depth_cells);
+      const double weight = (i == 0 || i == 2 * depth_cells ? 1 : i % 2 == 0 ? 2 : 4) / (6.0 * depth_cells);
+      weights += weight * point_weights(mesh, locate(mesh, point), direction);
+    }
+  }
+  std::vector<int> factors{control};
+  if (times >= 0) factors.push_back(times);
+  builder.add_term(make_load(0.5 * weights, factors));
+}
+
+void add_load(SceneBuilder& builder, const LoadSettings& load, int control, int gravity, int depth_cells) {
   const Eigen::VectorXd direction = vector_of(load.direction);
   const int times = load.quantity == Quantity::mass ? gravity : -1;
+  if (depth_cells > 0 && (load.quantity == Quantity::force || load.quantity == Quantity::mass))
+    return add_half_load(builder, load, control, times, depth_cells);
   if (!load.point.empty()) return builder.add_point_force(vector_of(load.point), direction, control, times);
   if (load.quantity == Quantity::pressure) return builder.add_traction(load.on, direction, control);
   if (load.quantity == Quantity::line_load) return builder.add_line_load(load.on, direction, control);
@@ -72,8 +98,8 @@ auto at(const Experiment& experiment, const std::string& part, Action&& action) 
 }
 
 /// The cables, and what they share: k_cable and slack.
-void add_cables(const Experiment& experiment, SceneBuilder& builder, const std::map<std::string, int>& controls,
-                BenchModel& model) {
+void add_cables(const Experiment& experiment, double share, SceneBuilder& builder,
+                const std::map<std::string, int>& controls, BenchModel& model) {
   const CablesSettings& settings = experiment.cables;
   auto length_of = [](const CableSettings& cable) {
     double length = 0;
@@ -101,6 +127,7 @@ void add_cables(const Experiment& experiment, SceneBuilder& builder, const std::
     made.stiffness = k;
     made.slack = slack;
     made.smoothing = settings.smoothing;
+    made.share = share;
     if (!cable.control.empty()) made.retraction = controls.at(cable.control);
     for (size_t i = 0; i < cable.points.size(); ++i) {
       const Eigen::VectorXd point = vector_of(cable.points[i]);
@@ -133,14 +160,45 @@ std::map<std::string, double> contact_pressures(const Experiment& experiment, co
   return pressures;
 }
 
-void add_contact(const Experiment& experiment, const MeshSettings& settings, const Trials& trials,
-                 SceneBuilder& builder) {
+/// Whether a region moves as rigid bodies: more than 100 times as stiff as the softest one.
+bool rigid(const Experiment& experiment, const MaterialSettings& material) {
+  if (experiment.model != Rung::rigid_segments) return false;
+  double softest = material.constants.at("E");
+  for (const MaterialSettings& other : experiment.materials) softest = std::min(softest, other.constants.at("E"));
+  return material.constants.at("E") > 100 * softest;
+}
+
+/// The material of a region. The constants of a rigid one are declared, and change nothing.
+void add_material(const Experiment& experiment, const MaterialSettings& material, Formulation formulation,
+                  SceneBuilder& builder) {
+  if (!rigid(experiment, material))
+    return builder.add_solid(material.region, material.law, material.constants, formulation);
+  builder.add_rigid(material.region);
+  for (ParameterSpec spec : material_parameters(material.law)) {
+    const double value = material.constants.at(spec.id);
+    spec.id += "_" + material.region;
+    builder.declare(std::move(spec), value);
+  }
+}
+
+/// Null in 3D.
+const Contact* add_contact(const Experiment& experiment, const MeshSettings& settings, const Trials& trials,
+                           SceneBuilder& builder) {
   std::map<std::string, double> pressures = contact_pressures(experiment, trials, builder);
   if (experiment.contact.stiffness) {
     for (auto& [region, value] : pressures) value = *experiment.contact.stiffness;
   }
-  builder.add_contact(contact_gap(settings, builder.mesh().diagonal()), pressures, experiment.contact.obstacles,
-                      experiment.contact.grounds, experiment.contact.form);
+  if (settings.depth_cells == 0) {
+    return &builder.add_contact(contact_gap(settings, builder.mesh().diagonal()), pressures,
+                                experiment.contact.obstacles, experiment.contact.grounds, experiment.contact.form);
+  }
+  std::vector<GroundPlane> grounds;
+  for (const GroundLine& line : experiment.contact.grounds)
+    grounds.push_back({{line.point[0], line.point[1], 0}, {line.normal[0], line.normal[1], 0}});
+  const double section =
+      std::sqrt(std::pow(builder.mesh().diagonal(), 2) - std::pow(experiment.geometry.thickness / 2, 2));
+  builder.add_contact_3d(contact_gap(settings, section), pressures, grounds);
+  return nullptr;
 }
 
 }  // namespace
@@ -151,14 +209,66 @@ Mesh make_mesh(const Experiment& experiment, const MeshSettings& settings) {
   });
 }
 
+Experiment as_solid(const Experiment& experiment, int depth_cells) {
+  const auto refuse = [&](const std::string& what) {
+    throw InputError(fmt::format("{}: as a solid, {}", experiment.path, what));
+  };
+  if (experiment.geometry.dimension != 2) refuse("an experiment has to be plane, and this one is in space already");
+  if (depth_cells < 1) refuse("a body needs at least one layer of elements across half of its thickness");
+  if (experiment.recordings) refuse("an experiment has readings at rest; recordings are replayed by the plane model");
+  if (!experiment.contact.obstacles.empty()) refuse("a body meets grounds, but no obstacles; leave those out");
+  if (experiment.contact.form != ContactForm::length_weighted)
+    refuse("a body has the contact of the default form; leave 'form' out");
+  Experiment solid = experiment;
+  solid.geometry.dimension = 3;
+  solid.geometry.plane = Plane::strain;  // of no meaning in space
+  solid.mesh.depth_cells = depth_cells;
+  const auto deepen = [](std::vector<double>& values) {
+    if (!values.empty()) values.push_back(0);
+  };
+  for (SupportSettings& support : solid.supports) {
+    if (support.rotation_stiffness) refuse("a face is fixed or free; take 'rotation_stiffness' out");
+    if (support.fix.size() == 2) support.fix.push_back(2);
+  }
+  SupportSettings symmetry;
+  symmetry.on = "symmetry";
+  symmetry.fix = {2};
+  solid.supports.push_back(symmetry);
+  for (LoadSettings& load : solid.loads) {
+    deepen(load.point);
+    deepen(load.direction);
+  }
+  for (ChannelSettings& channel : solid.channels) {
+    deepen(channel.point);
+    deepen(channel.standoff);
+    deepen(channel.direction);
+  }
+  deepen(solid.gravity_direction);
+  for (CableSettings& cable : solid.cables.cables) {
+    for (std::vector<double>& point : cable.points) deepen(point);
+  }
+  return solid;
+}
+
 BenchModel make_model(const Experiment& experiment, const MeshSettings& settings, const Trials& trials) {
+  const bool half = settings.depth_cells > 0;
+  if (half && experiment.geometry.dimension == 2)
+    return make_model(as_solid(experiment, settings.depth_cells), settings, trials);
   BenchModel result;
   SceneBuilder builder(make_mesh(experiment, settings), experiment.geometry.plane, experiment.geometry.thickness);
   const int gravity = builder.declare({"g", "g", "m/s2", 0, 1000, "acceleration of gravity"}, experiment.gravity);
   if (!experiment.gravity_direction.empty()) result.switched_off_at_rest.push_back(gravity);
+  if (experiment.model == Rung::rigid_segments &&
+      std::none_of(experiment.materials.begin(), experiment.materials.end(),
+                   [&](const MaterialSettings& material) { return rigid(experiment, material); })) {
+    throw InputError(
+        fmt::format("{}: model: no region is more than 100 times as stiff as the softest one, so that none "
+                    "can be rigid; use \"full\"",
+                    experiment.path));
+  }
   for (const MaterialSettings& material : experiment.materials) {
     at(experiment, fmt::format("[materials.{}]", material.region), [&] {
-      builder.add_solid(material.region, material.law, material.constants, settings.formulation);
+      add_material(experiment, material, settings.formulation, builder);
       if (material.density && !experiment.gravity_direction.empty())
         builder.add_weight(material.region, *material.density, vector_of(experiment.gravity_direction), gravity);
       if (experiment.recordings) add_dynamics(experiment.dynamics, material, builder);
@@ -187,13 +297,14 @@ BenchModel make_model(const Experiment& experiment, const MeshSettings& settings
       } else {
         control = control_index.at(load.id);
       }
-      add_load(builder, load, control, gravity);
+      add_load(builder, load, control, gravity, settings.depth_cells);
       if (experiment.recordings && load.quantity == Quantity::mass) builder.add_point_mass(load.on, control);
     });
   }
   if (!experiment.cables.cables.empty())
-    at(experiment, "[cables]", [&] { add_cables(experiment, builder, control_index, result); });
-  if (experiment.contact.on) at(experiment, "[contact]", [&] { add_contact(experiment, settings, trials, builder); });
+    at(experiment, "[cables]", [&] { add_cables(experiment, half ? 0.5 : 1.0, builder, control_index, result); });
+  if (experiment.contact.on)
+    at(experiment, "[contact]", [&] { result.contact = add_contact(experiment, settings, trials, builder); });
   for (const ChannelSettings& channel : experiment.channels) {
     result.channels.push_back({channel.id, at(experiment, fmt::format("[[channel]] '{}'", channel.id),
                                               [&] { return make_channel(builder.mesh(), channel); })});
@@ -214,12 +325,11 @@ BenchModel make_model(const Experiment& experiment, const MeshSettings& settings
   return result;
 }
 
-StaticBench make_static_bench(const Experiment& experiment, const MeshSettings& settings, const Trials& trials) {
-  StaticBench bench;
-  BenchModel model = make_model(experiment, settings, trials);
+BenchRows rows_of_readings(const Experiment& experiment, const BenchModel& model, const Trials& trials) {
+  BenchRows bench;
   const size_t offset_control =
       experiment.zero_offset_per.empty() ? 0 : position_of_control(experiment, experiment.zero_offset_per);
-  std::vector<StaticRow> rows;
+  std::vector<StaticRow>& rows = bench.rows;
   for (const Reading& reading : trials.readings) {
     const auto same = std::find_if(rows.begin(), rows.end(), [&](const StaticRow& row) {
       return row.channel == reading.channel && row.controls == reading.controls;
@@ -232,7 +342,17 @@ StaticBench make_static_bench(const Experiment& experiment, const MeshSettings& 
     bench.row_of_reading.push_back(row);
     bench.measurements.push_back({row, reading.value, reading.sigma, row});
   }
+  return bench;
+}
+
+StaticBench make_static_bench(const Experiment& experiment, const MeshSettings& settings, const Trials& trials) {
+  StaticBench bench;
+  BenchModel model = make_model(experiment, settings, trials);
+  BenchRows rows = rows_of_readings(experiment, model, trials);
+  bench.row_of_reading = std::move(rows.row_of_reading);
+  bench.measurements = std::move(rows.measurements);
   bench.cables = model.cables;
+  bench.contact = model.contact;
   StaticProtocol::Options options;
   options.equilibrium = experiment.equilibrium;
   options.threads = experiment.threads;
@@ -243,7 +363,7 @@ StaticBench make_static_bench(const Experiment& experiment, const MeshSettings& 
   }
   options.equilibrium.check_path = !options.set_first.empty();
   bench.protocol = std::make_unique<StaticProtocol>(std::move(model.scene), std::move(model.channels), model.controls,
-                                                    model.switched_off_at_rest, rows, options);
+                                                    model.switched_off_at_rest, std::move(rows.rows), options);
   return bench;
 }
 
@@ -252,6 +372,8 @@ std::vector<FreeParameter> free_parameters(const Experiment& experiment, const P
   for (const FreeSettings& settings : experiment.free) {
     at(experiment, fmt::format("[fit.free.{}]", settings.id), [&] {
       FreeParameter parameter;
+      if (settings.id == "thickness" && !protocol.parameters().contains("thickness"))
+        throw InputError("the thickness of a solid is that of its mesh and cannot be fitted; free it in a plane model");
       parameter.index = protocol.parameters().index(settings.id);
       for (const BenchFormat::Control& control : experiment.bench.controls) {
         if (control.id == settings.id)

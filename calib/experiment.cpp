@@ -234,6 +234,7 @@ void read_fit(TableReader table, Experiment& experiment) {
     experiment.free.push_back(settings);
   }
   experiment.all_profiles = table.choice("profiles", {"doubtful", "all"}) == "all";
+  if (!experiment.recordings) experiment.mesh_share = table.boolean("mesh_share", true);
   if (auto diagnostic = table.optional_table("diagnostic")) {
     std::vector<std::string> free, controls;
     for (const FreeSettings& settings : experiment.free) free.push_back(settings.id);
@@ -269,6 +270,22 @@ void read_solver(TableReader table, Experiment& experiment) {
     table.fail("step_tolerance", "a number between 1e-14 and 1e-2 belongs here");
   experiment.threads = table.integer("threads", 0, 0);
   table.finish();
+}
+
+void read_model(TableReader& root, Experiment& experiment) {
+  const std::vector<std::string> names{"full", "beam", "rigid_segments", "solid", "auto"};
+  const std::string name = root.choice("model", names);
+  experiment.model = name == "beam"             ? Rung::beam
+                     : name == "rigid_segments" ? Rung::rigid_segments
+                     : name == "solid"          ? Rung::solid
+                     : name == "auto"           ? Rung::automatic
+                                                : Rung::full;
+  if (!root.has("tolerance")) return;
+  if (experiment.model != Rung::automatic)
+    root.fail("tolerance", "it says when model = \"auto\" stops climbing; set that, or leave it out");
+  experiment.tolerance = root.quantity("tolerance", Quantity::pure);
+  if (!(experiment.tolerance >= 1e-4 && experiment.tolerance <= 0.5))
+    root.fail("tolerance", "a number between 0.01 % and 50 % belongs here");
 }
 
 void read_figures(TableReader table, Experiment& experiment) {
@@ -343,6 +360,7 @@ Experiment read_experiment(const std::string& path) {
     root.fail("data", fmt::format("'{}' is not known{}; allowed: measured, simulated", data,
                                   did_you_mean(data, {"measured", "simulated"})));
   experiment.simulated = data == "simulated";
+  read_model(root, experiment);
 
   experiment.geometry = read_geometry(root.table("geometry"), path);
   const int d = experiment.geometry.dimension;
@@ -420,6 +438,8 @@ Experiment read_experiment(const std::string& path) {
 
   TableReader bench = root.table("bench");
   if (bench.choice("kind", {"readings", "recordings"}) == "recordings") {
+    if (experiment.model != Rung::full)
+      root.fail("model", "recordings over time are replayed by the full model; leave 'model' out");
     read_recordings(std::move(bench), root, experiment);
   } else {
     read_bench(std::move(bench), experiment);

@@ -90,6 +90,7 @@ class Evaluator {
   }
 
   const Prediction& prediction() const { return prediction_; }
+  std::vector<double> point() const { return {point_.begin(), point_.end()}; }  ///< of the newest evaluation
 
   Eigen::VectorXd residuals() const {
     Eigen::VectorXd r(static_cast<Eigen::Index>(measurements_.size()));
@@ -149,16 +150,47 @@ class ResidualBlock final : public ceres::CostFunction {
   Evaluator& evaluator_;
 };
 
+/// What a change of a parameter is compared with: one for a logarithm, else the range that it may have.
+double range_of(const FreeParameter& parameter, const Scale& scale, double value) {
+  if (scale.logarithmic) return 1;
+  const double range = parameter.upper - parameter.lower;
+  return std::isfinite(range) ? range : std::max(std::abs(value), 1e-12);
+}
+
+/// Decrease of chi squared that a Gauss-Newton step from `q` promises, where the residuals are r with derivatives J; it
+/// is the square of the step in standard errors. Parameters at bounds that hold them do not count, nor does `held`.
+double promised_decrease(const Evaluator& evaluator, const std::vector<FreeParameter>& free,
+                         const std::vector<double>& q, const Eigen::VectorXd& r, const Eigen::MatrixXd& J, int held) {
+  Eigen::MatrixXd open = J;
+  for (size_t j = 0; j < q.size(); ++j) {
+    const Eigen::Index k = static_cast<Eigen::Index>(j);
+    const Scale& scale = evaluator.scale(j);
+    const double range = range_of(free[j], scale, scale.outside(q[j])), downhill = -J.col(k).dot(r);
+    const double room = downhill > 0 ? scale.inside(free[j].upper) - q[j] : q[j] - scale.inside(free[j].lower);
+    if (room < 1e-6 * range || static_cast<int>(j) == held) open.col(k).setZero();
+  }
+  return (open * open.completeOrthogonalDecomposition().solve(r)).squaredNorm();
+}
+
+/// Ends a search that is interrupted, or that has nothing more to gain: that saves the evaluation which would show it.
 class StopCallback final : public ceres::IterationCallback {
  public:
-  explicit StopCallback(const Evaluator& evaluator) : evaluator_(evaluator) {}
-  ceres::CallbackReturnType operator()(const ceres::IterationSummary&) override {
-    return evaluator_.stopped() ? ceres::SOLVER_TERMINATE_SUCCESSFULLY
-                                : ceres::SOLVER_CONTINUE;  // the best values so far are kept
+  StopCallback(const Evaluator& evaluator, const std::vector<FreeParameter>& free, int held, double tolerance)
+      : evaluator_(evaluator), free_(free), held_(held), tolerance_(tolerance) {}
+  ceres::CallbackReturnType operator()(const ceres::IterationSummary& summary) override {
+    if (evaluator_.stopped()) return ceres::SOLVER_TERMINATE_SUCCESSFULLY;  // the best values so far are kept
+    if (!summary.step_is_successful) return ceres::SOLVER_CONTINUE;
+    const Eigen::VectorXd r = evaluator_.residuals();
+    const double promised = promised_decrease(evaluator_, free_, evaluator_.point(), r, evaluator_.jacobian(), held_);
+    return promised <= 0.1 * tolerance_ * r.squaredNorm() ? ceres::SOLVER_TERMINATE_SUCCESSFULLY
+                                                          : ceres::SOLVER_CONTINUE;
   }
 
  private:
   const Evaluator& evaluator_;
+  const std::vector<FreeParameter>& free_;
+  int held_;
+  double tolerance_;
 };
 
 struct Minimum {
@@ -194,7 +226,7 @@ Minimum minimise(Evaluator& evaluator, const std::vector<FreeParameter>& free, s
     if (std::isfinite(free[j].lower)) problem.SetParameterLowerBound(&q[j], 0, scale.inside(free[j].lower));
     if (std::isfinite(free[j].upper)) problem.SetParameterUpperBound(&q[j], 0, scale.inside(free[j].upper));
   }
-  StopCallback stop(evaluator);
+  StopCallback stop(evaluator, free, held, options.tolerance);
   ceres::Solver::Options solver;
   solver.linear_solver_type = ceres::DENSE_QR;
   solver.max_num_iterations = options.max_iterations;
@@ -231,13 +263,6 @@ bool step_in_compliance(Evaluator& evaluator, const std::vector<FreeParameter>& 
     return false;
   q = trial;
   return true;
-}
-
-/// What a change of a parameter is compared with: one for a logarithm, else the range that it may have.
-double range_of(const FreeParameter& parameter, const Scale& scale, double value) {
-  if (scale.logarithmic) return 1;
-  const double range = parameter.upper - parameter.lower;
-  return std::isfinite(range) ? range : std::max(std::abs(value), 1e-12);
 }
 
 /// Where chi squared, minimised over all other parameters, has risen by `profile_rise`, going from the optimum in
@@ -336,17 +361,12 @@ std::optional<double> profile_end(Evaluator& evaluator, const std::vector<FreePa
 bool stopped_by_failures(const Evaluator& evaluator, const std::vector<FreeParameter>& free,
                          const std::vector<double>& q, const Eigen::VectorXd& r, const Eigen::MatrixXd& J) {
   if (evaluator.last_failure.size() == 0) return false;
-  Eigen::MatrixXd open = J;  // without the parameters that their bounds hold
   for (size_t j = 0; j < q.size(); ++j) {
-    const Eigen::Index k = static_cast<Eigen::Index>(j);
     const Scale& scale = evaluator.scale(j);
-    const double range = range_of(free[j], scale, scale.outside(q[j])), downhill = -J.col(k).dot(r);
-    if (std::abs(evaluator.last_failure[k] - q[j]) > 1e-2 * range) return false;
-    const double room = downhill > 0 ? scale.inside(free[j].upper) - q[j] : q[j] - scale.inside(free[j].lower);
-    if (room < 1e-6 * range) open.col(k).setZero();
+    const double range = range_of(free[j], scale, scale.outside(q[j]));
+    if (std::abs(evaluator.last_failure[static_cast<Eigen::Index>(j)] - q[j]) > 1e-2 * range) return false;
   }
-  const double promised = (open * open.completeOrthogonalDecomposition().solve(r)).squaredNorm();
-  return promised > std::max(1e-3, 1e-6 * r.squaredNorm());
+  return promised_decrease(evaluator, free, q, r, J, -1) > std::max(1e-3, 1e-6 * r.squaredNorm());
 }
 
 /// How far a parameter is from being known, as a number without unit: its standard error on the fitted scale, for
@@ -500,8 +520,9 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
     best = minimise(evaluator, free, measurements.size(), best.q, -1, near ? undamped : damped, options);
     result.iterations += std::max(0, static_cast<int>(best.summary.iterations.size()) - 1);
     result.message = best.summary.message;
-    result.status = evaluator.stopped()                                                 ? FitStatus::interrupted
-                    : best.summary.termination_type == ceres::CONVERGENCE               ? FitStatus::converged
+    result.status = evaluator.stopped() ? FitStatus::interrupted
+                    : best.summary.IsSolutionUsable() && best.summary.termination_type != ceres::NO_CONVERGENCE
+                        ? FitStatus::converged
                     : evaluator.failed > 0 && evaluator.failed == evaluator.evaluations ? FitStatus::start_failed
                                                                                         : FitStatus::not_converged;
     if (result.status == FitStatus::start_failed || result.status == FitStatus::interrupted) break;
@@ -513,7 +534,10 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
       break;
     }
     const double again = last.residuals().squaredNorm();
-    if (std::abs(again - best.chi_squared) <= 1e-6 * (1 + best.chi_squared)) break;
+    // Within a thirtieth of a standard error of the optimum on the protocol's own path.
+    if (promised_decrease(last, free, best.q, last.residuals(), last.jacobian(), -1) <=
+        std::max(1e-3, 10 * options.tolerance * again))
+      break;
     evaluator.reset();
     if (round == 2) {
       result.status = FitStatus::not_converged;

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "sim/core/error.hpp"
+#include "sim/mesh/extrude.hpp"
 #include "sim/mesh/msh_file.hpp"
 #include "sim/mesh/structured.hpp"
 
@@ -20,13 +21,8 @@ std::vector<double> shifted(std::vector<double> coordinates, double origin) {
   return coordinates;
 }
 
-}  // namespace
-
-double contact_gap(const MeshSettings& settings, double diagonal) {
-  return settings.contact_gap > 0 ? settings.contact_gap : 2e-5 * diagonal;
-}
-
-Mesh make_mesh(const GeometrySettings& g, const MeshSettings& settings, bool contact, bool compensate) {
+/// The body, or its plane section.
+Mesh make_section(const GeometrySettings& g, const MeshSettings& settings, bool contact, bool compensate) {
   auto axis = [&](size_t i) { return shifted(graded(g.size[i], settings.cells[i]), g.origin[i]); };
   if (g.kind == "box") return box(axis(0), axis(1), axis(2), settings.order, g.region);
   if (g.kind == "rectangle") return rectangle(axis(0), axis(1), settings.order, g.region);
@@ -64,12 +60,23 @@ Mesh make_mesh(const GeometrySettings& g, const MeshSettings& settings, bool con
     return mesh_push_puppet(g.puppet, resolution, compensate ? 0.5 * resting_distance * gap : 0.0);
   }
   Mesh mesh = read_msh(g.file, g.unit);
-  if (mesh.dimension() != g.dimension)
+  if (mesh.dimension() != (settings.depth_cells > 0 ? 2 : g.dimension))
     throw InputError(fmt::format("{} is a {}D mesh; set dimension = {}", g.file, mesh.dimension(), mesh.dimension()));
   if (settings.order == 2 && order_of(mesh.shape) == 1) return to_quadratic(mesh);
   if (settings.order == 1 && order_of(mesh.shape) == 2)
     throw InputError(fmt::format("{} has quadratic elements; set element = \"quadratic\"", g.file));
   return mesh;
+}
+
+}  // namespace
+
+double contact_gap(const MeshSettings& settings, double diagonal) {
+  return settings.contact_gap > 0 ? settings.contact_gap : 2e-5 * diagonal;
+}
+
+Mesh make_mesh(const GeometrySettings& geometry, const MeshSettings& settings, bool contact, bool compensate) {
+  Mesh section = make_section(geometry, settings, contact, compensate);
+  return settings.depth_cells > 0 ? extrude(section, 0.5 * geometry.thickness, settings.depth_cells) : section;
 }
 
 std::vector<Eigen::VectorXd> own_cable(const GeometrySettings& geometry, const std::string& name) {

@@ -4,8 +4,9 @@
 namespace taut {
 
 /// The mesh of a geometry. A push_puppet in `contact` must have room for the contact gap; with `compensate` the
-/// distance at which closed lips rest is taken off their faces, so that they close where the specimen's own do. Throws
-/// InputError.
+/// distance at which closed lips rest is taken off their faces, so that they close where the specimen's own do. With
+/// settings.depth_cells the plane section becomes a solid of half its thickness, with a plane of symmetry at z = 0.
+/// Throws InputError.
 Mesh make_mesh(const GeometrySettings& geometry, const MeshSettings& settings, bool contact, bool compensate);
 
 /// Distance at which contact sets in [m]: the file's, or 2e-5 of a specimen's diagonal.

@@ -95,7 +95,6 @@ void StaticProtocol::make_paths() {
 
 void StaticProtocol::forget() {
   for (Condition& condition : conditions_) condition.solved = false;
-  for (Path& path : paths_) path.equilibrium.reset();
 }
 
 std::string StaticProtocol::describe(const Condition& condition) const {
@@ -117,12 +116,23 @@ std::string StaticProtocol::describe_parameters(const Params& p) const {
   return text;
 }
 
-/// Whether an equilibrium at `from` is a better start for `to` than the path is: stiffnesses within a factor of 1.5.
-bool StaticProtocol::near(const Params& from, const Params& to) const {
+/// First-order change of a condition's equilibrium on the way to `to`; a stiffness counts by its reciprocal, in which
+/// displacements of a linear solid are linear. Empty where it is no better start than the path is: when it changes the
+/// state by more than a fifth, or when a stiffness whose sensitivity is not known has changed by more than half.
+Eigen::VectorXd StaticProtocol::predicted_change(const Condition& condition, const Params& to) const {
+  Eigen::VectorXd change = Eigen::VectorXd::Zero(condition.u.size());
   for (int i = 0; i < parameters().size(); ++i) {
-    if (parameters()[i].logarithmic && !(from[i] < 1.5 * to[i] && to[i] < 1.5 * from[i])) return false;
+    const double from = condition.p[i];
+    const auto known = std::find(condition.sensitivity_of.begin(), condition.sensitivity_of.end(), i);
+    if (known != condition.sensitivity_of.end()) {
+      change += (parameters()[i].logarithmic ? from * (1 - from / to[i]) : to[i] - from) *
+                condition.sensitivities.col(known - condition.sensitivity_of.begin());
+    } else if (parameters()[i].logarithmic && !(from < 1.5 * to[i] && to[i] < 1.5 * from)) {
+      return {};
+    }
   }
-  return true;
+  const bool near = change.cwiseAbs().maxCoeff() <= 0.2 * condition.u.cwiseAbs().maxCoeff();
+  return near ? change : Eigen::VectorXd();
 }
 
 void StaticProtocol::solve_condition(Condition& condition, const Params& p, const std::vector<int>& free,
@@ -131,18 +141,10 @@ void StaticProtocol::solve_condition(Condition& condition, const Params& p, cons
   for (size_t k = 0; k < controls_.size(); ++k) target[controls_[k]] = condition.controls[k];
   SolveReport total;
   bool done = false;
-  if (condition.solved && near(condition.p, target)) {
-    // Predict from the last equilibrium; a stiffness by its reciprocal, in which displacements of a linear solid are
-    // linear.
-    Eigen::VectorXd step = Eigen::VectorXd::Zero(condition.u.size());
-    for (size_t k = 0; k < condition.sensitivity_of.size(); ++k) {
-      const int index = condition.sensitivity_of[k];
-      const double from = condition.p[index], to = target[index];
-      step += (parameters()[index].logarithmic ? from * (1 - from / to) : to - from) *
-              condition.sensitivities.col(static_cast<Eigen::Index>(k));
-    }
-    equilibrium.start_beyond(condition.u, step, target);
-    total = equilibrium.solve(target);
+  const Eigen::VectorXd change = condition.solved ? predicted_change(condition, target) : Eigen::VectorXd();
+  if (change.size() > 0) {
+    equilibrium.start_beyond(condition.u, change, target);
+    total = equilibrium.solve(target, Polish::search);
     // A start that is not on the protocol's path may end in a spurious equilibrium with folded elements.
     done = total.status == SolveStatus::converged && smallest_jacobian(scene_.model->mesh(), equilibrium.u()) > 0;
   }

@@ -112,7 +112,7 @@ class StaticProtocol final : public Protocol {
   void solve_path(Path& path, const Params& p, const std::vector<int>& free);
   void solve_condition(Condition& condition, const Params& p, const std::vector<int>& free,
                        Equilibrium& equilibrium) const;
-  bool near(const Params& from, const Params& to) const;
+  Eigen::VectorXd predicted_change(const Condition& condition, const Params& to) const;
   std::string describe_parameters(const Params& p) const;
 
   Scene scene_;

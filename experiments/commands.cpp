@@ -23,10 +23,14 @@
 namespace taut {
 namespace {
 
-/// An error in the unit that its value is shown in: "0.36 kPa" beside "61.15 kPa".
+/// An error in the unit that its value is shown in: "0.36" beside "61.15 kPa".
+std::string bare_beside(double value, double error, std::string_view si_unit) {
+  return fmt::format("{:.2g}", error / display_unit(value, si_unit).factor);
+}
+/// The same with the unit: "0.36 kPa".
 std::string beside(double value, double error, std::string_view si_unit) {
   const DisplayUnit unit = display_unit(value, si_unit);
-  return fmt::format("{:.2g}{}", error / unit.factor, unit.name == "1" ? "" : " " + unit.name);
+  return bare_beside(value, error, si_unit) + (unit.name == "1" ? "" : " " + unit.name);
 }
 
 using Json = nlohmann::ordered_json;
@@ -90,11 +94,19 @@ std::string interval_text(const ParameterEstimate& e) {
 void print_fit(const RunRecord& record) {
   const FitResult& fit = record.fit;
   if (record.simulated) fmt::print("SIMULATED DATA: the readings were made by a program, not measured.\n");
-  for (const ParameterEstimate& e : fit.parameters) {
-    fmt::print("{} = {} +- {} (standard error), 95 % interval {}: {}\n  {}\n", e.spec.id,
+  for (size_t j = 0; j < fit.parameters.size(); ++j) {
+    const ParameterEstimate& e = fit.parameters[j];
+    std::string shares, biases;
+    for (const DiscretisationShare& share : record.shares) {
+      const double most = std::abs(share.bias[j]) + (std::isfinite(share.error[j]) ? share.error[j] : 0);
+      shares += fmt::format(" +- {} ({})", std::isfinite(most) ? bare_beside(e.value, most, e.spec.unit) : "unknown",
+                            share.source);
+      biases += fmt::format("  {}\n", describe(share, e, j));
+    }
+    fmt::print("{} = {} +- {} (noise){}, 95 % interval of the noise {}: {}\n  {}\n{}", e.spec.id,
                with_unit(e.value, e.spec.unit),
-               std::isfinite(e.standard_error) ? beside(e.value, e.standard_error, e.spec.unit) : "unknown",
-               interval_text(e), name_of(e.verdict), e.explanation);
+               std::isfinite(e.standard_error) ? bare_beside(e.value, e.standard_error, e.spec.unit) : "unknown",
+               shares, interval_text(e), name_of(e.verdict), e.explanation, biases);
   }
   fmt::print("chi squared {:.4g} for {} degrees of freedom (p = {:.2g})", fit.chi_squared, fit.dof, fit.chi_squared_p);
   if (fit.lack_of_fit.available)
@@ -217,34 +229,6 @@ std::vector<DiagnosticRecord> diagnose(const Session& session, const FitResult& 
   return records;
 }
 
-/// How much the predictions still depend on the contact gap, as a sentence: the largest change of a row when the gap is
-/// halved, which is about what is left of it.
-std::string contact_gap_remark(const Session& session, const Params& p, const Eigen::VectorXd& values) {
-  const ParameterTable& table = session.bench.protocol->parameters();
-  MeshSettings half = session.experiment.mesh;
-  half.contact_gap = 0.5 * session.bench.protocol->nominal()[table.index("contact_gap")];
-  const StaticBench bench = make_static_bench(session.experiment, half, session.trials);
-  Params q = p;
-  q[table.index("contact_gap")] = half.contact_gap;
-  const Prediction prediction = bench.protocol->predict(q, {});
-  double largest = 0, change = 0;
-  size_t row = 0;
-  for (size_t i = 0; i < session.bench.row_of_reading.size(); ++i) {
-    const Eigen::Index r = session.bench.row_of_reading[i];
-    const double relative = std::abs(prediction.values[r] / values[r] - 1);
-    if (!(relative > largest)) continue;
-    largest = relative;
-    change = 1e6 * (prediction.values[r] - values[r]);
-    row = i;
-  }
-  if (!prediction.complete()) return "the replay with half the contact gap failed: " + prediction.failures.front();
-  return fmt::format(
-      "contact gap: halving it to {} changes the predictions by at most {:.2g} % ({:+.2g} um at {}); about as much is "
-      "left of it",
-      with_unit(half.contact_gap, "m"), 100 * largest, change,
-      describe_controls(session, session.trials.readings[row].controls));
-}
-
 }  // namespace
 
 void print_check(const RunRecord& record, const ParameterTable& table, const std::vector<FreeParameter>& free,
@@ -320,8 +304,11 @@ int replay_command(const CommandOptions& options) {
   progress.say(fmt::format("replaying {} conditions with {} unknowns", protocol.conditions().size(),
                            protocol.scene().model->free_unknowns()));
   const Stopwatch watch;
-  const Prediction prediction = protocol.predict(p, {});
+  const Prediction prediction = session.model().predict(p, {});
   record.replay_seconds = watch.seconds();
+  if (!session.choice.empty()) progress.say(session.choice);
+  const std::string comparison = compare_models(session, p, prediction.values, record.replay_seconds);
+  if (!comparison.empty()) progress.say(comparison);
   fill_predictions(record, session.bench, prediction.values, {});
   const std::string folder = run_folder(options);
   write_file((fs::path(folder) / "predictions.csv").string(), predictions_csv(record));
@@ -330,7 +317,8 @@ int replay_command(const CommandOptions& options) {
     Json json{{"title", record.title},
               {"data", record.simulated ? "simulated" : "measured"},
               {"seconds", record.replay_seconds},
-              {"factorisations", protocol.factorisations()}};
+              {"factorisations", session.model().factorisations()}};
+    if (!session.choice.empty()) json["model"] = session.choice;
     for (const ReadingRecord& r : record.readings) {
       json["rows"].push_back({{"line", r.line},
                               {"channel", r.channel},
@@ -376,9 +364,13 @@ int fit_command(const CommandOptions& options) {
   progress.say(fmt::format("fitting {} readings in {} conditions with {} unknowns", record.readings.size(),
                            protocol.conditions().size(), protocol.scene().model->free_unknowns()));
 
+  if (!session.choice.empty()) {
+    progress.say(session.choice);
+    record.remarks.push_back(session.choice);
+  }
   const Stopwatch fit_watch;
   record.fit =
-      fit(protocol, session.bench.measurements, free,
+      fit(session.model(), session.bench.measurements, free,
           fit_options(options, session.experiment, session.bench.protocol->parameters(), free, progress, "fit"));
   record.main =
       as_variant("this fit", session.experiment.mesh, *protocol.scene().model, record.fit, fit_watch.seconds());
@@ -393,12 +385,15 @@ int fit_command(const CommandOptions& options) {
   for (const std::string& failure : record.fit.failures) record.remarks.push_back("survived in the fit: " + failure);
 
   if (!interrupted(options)) {
-    const int before = protocol.factorisations();
+    Protocol& model = session.model();
+    const int before = model.factorisations();
     const Stopwatch replay_watch;
-    protocol.forget();
-    protocol.predict(record.fit.p, {});
+    model.forget();
+    const Prediction again = model.predict(record.fit.p, {});
     record.replay_seconds = replay_watch.seconds();
-    record.replay_factorisations = protocol.factorisations() - before;
+    record.replay_factorisations = model.factorisations() - before;
+    const std::string comparison = compare_models(session, record.fit.p, again.values, record.replay_seconds);
+    if (!comparison.empty()) record.remarks.push_back(comparison);
   }
   if (!interrupted(options) && record.fit.predicted.size() > 0) {  // empty: the optimum could not be replayed
     fill_predictions(record, session.bench, record.fit.predicted, record.fit.prediction_se);
@@ -406,8 +401,12 @@ int fit_command(const CommandOptions& options) {
     record.curves = make_curves(session, record.fit.p, free, record.fit.covariance);
     record.shapes = make_shapes(session, folder, record.shape_axes);
     for (const std::string& warning : warnings_after(protocol)) record.remarks.push_back(warning);
-    if (session.experiment.contact.on && !interrupted(options))
-      record.remarks.push_back(contact_gap_remark(session, record.fit.p, record.fit.predicted));
+    const bool asked = session.experiment.mesh_share && session.experiment.model == Rung::full;
+    if (asked && record.fit.status == FitStatus::converged && !interrupted(options)) {
+      record.shares = discretisation_shares(session.experiment, session.trials, record.fit,
+                                            [&](const std::string& what) { progress.show(what); });
+      if (interrupted(options)) record.shares.clear();
+    }
     if (session.experiment.diagnostic) record.diagnostics = diagnose(session, record.fit, options, progress);
   }
   if (options.variants) {

@@ -19,8 +19,9 @@ enum ExitCode {
 struct CommandOptions {
   std::string target;                      ///< experiment file or run folder
   std::string out;                         ///< run folder, "" for runs/<experiment>
-  std::string name;                        ///< ik: the target that is meant, "" for all
+  std::string name;                        ///< ik: the target that is meant, "" for all; chart: which one
   std::string rows;                        ///< predict: CSV file of new loads
+  double budget = 300;                     ///< chart: time that its simulations may take [s]
   std::map<std::string, std::string> set;  ///< replay: parameter values that replace the nominal ones
   bool json = false;
   bool quiet = false;

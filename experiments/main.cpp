@@ -6,6 +6,8 @@
 #include <functional>
 #include <iostream>
 
+#include "experiments/chart_accuracy.hpp"
+#include "experiments/chart_stability.hpp"
 #include "experiments/commands.hpp"
 #include "experiments/ik_command.hpp"
 #include "experiments/simulate_command.hpp"
@@ -28,6 +30,20 @@ struct Command {
   std::function<int(const taut::CommandOptions&)> run;
   bool out = false, threads = true;
 };
+
+/// What `taut chart` draws, by the name of the chart.
+const std::vector<std::pair<std::string, int (*)(const taut::CommandOptions&)>> charts{
+    {"accuracy", taut::chart_accuracy}, {"stability", taut::chart_stability}};
+
+int chart_command(const taut::CommandOptions& options) {
+  for (const auto& [name, chart] : charts) {
+    if (name == options.name) return chart(options);
+  }
+  std::vector<std::string> names;
+  for (const auto& [name, chart] : charts) names.push_back(name);
+  throw taut::InputError(fmt::format("taut chart: '{}' is no chart{}; charts: {}", options.name,
+                                     taut::did_you_mean(options.name, names), taut::join(names)));
+}
 
 const std::vector<Command>& commands() {
   static const std::vector<Command> list{
@@ -57,6 +73,12 @@ const std::vector<Command>& commands() {
        "  taut predict runs/silicone_block --rows new.csv        # new.csv: the load columns of the bench, one row per "
        "prediction\n",
        taut::predict_command, false, true},
+      {"chart", "accuracy|stability FILE",
+       "Charts error against cost over meshes, elements and solver settings (accuracy), or where methods fail "
+       "(stability).",
+       "  taut chart accuracy experiments/silicone_block/experiment.toml --budget 300\n"
+       "  taut chart stability experiments/push_puppet/experiment.toml\n",
+       chart_command, true, true},
       {"report", "RUN_FOLDER", "Rebuilds figures and report of a run from its fit.json, without solving.",
        "  taut report runs/silicone_block\n", taut::report_command, false, false},
   };
@@ -82,7 +104,8 @@ po::options_description options_of(const Command& command, taut::CommandOptions&
   add("quiet,q", po::bool_switch(&options.quiet), "no progress on stderr");
   if (command.out)
     add("out", po::value(&options.out)->value_name("DIR"),
-        "run folder; default: runs/<name of the experiment's folder>");
+        command.name == "chart" ? "folder of figures and tables; default: runs/<name of the experiment's folder>/charts"
+                                : "run folder; default: runs/<name of the experiment's folder>");
   if (command.threads)
     add("threads", po::value(&options.threads)->value_name("N"), "states solved at the same time; default: all cores");
   if (command.name == "replay") {
@@ -90,6 +113,9 @@ po::options_description options_of(const Command& command, taut::CommandOptions&
         "a parameter instead of the file's value, with its unit");
   }
   if (command.name == "ik") add("target", po::value(&options.name)->value_name("NAME"), "this target or path alone");
+  if (command.name == "chart")
+    add("budget", po::value(&options.budget)->value_name("SECONDS"),
+        "time for its simulations; default: 300. What does not fit in is left to the next run");
   if (command.name == "fit") add("no-variants", "leave out the refits with other meshes");
   if (command.name == "predict")
     add("rows", po::value(&options.rows)->value_name("FILE"), "CSV file with the load columns of the bench (required)");
@@ -117,14 +143,19 @@ int run(int argc, char** argv) {
       options.command_line += argument.find(' ') == std::string::npos ? " " + argument : " '" + argument + "'";
     std::vector<std::string> settings;
     po::options_description visible = options_of(command, options, settings), all;
-    all.add(visible).add_options()("positional", po::value(&options.target));
+    std::vector<std::string*> positional{&options.target};
+    if (command.name == "chart") positional.insert(positional.begin(), &options.name);
+    std::vector<std::string> given;
+    all.add(visible).add_options()("positional", po::value(&given));
     po::variables_map values;
-    po::store(po::command_line_parser(std::vector<std::string>(arguments.begin() + 1, arguments.end()))
-                  .options(all)
-                  .positional(po::positional_options_description().add("positional", 1))
-                  .run(),
-              values);
+    po::store(
+        po::command_line_parser(std::vector<std::string>(arguments.begin() + 1, arguments.end()))
+            .options(all)
+            .positional(po::positional_options_description().add("positional", static_cast<int>(positional.size())))
+            .run(),
+        values);
     po::notify(values);
+    for (size_t i = 0; i < given.size(); ++i) *positional[i] = given[i];
     if (values.count("help") != 0) {
       std::cout << command.summary << "\n\nexamples:\n"
                 << command.examples << "\nusage: taut " << command.name << " " << command.argument << " [options]\n\n"
@@ -136,6 +167,8 @@ int run(int argc, char** argv) {
           fmt::format("taut {0}: {1} is missing; usage: taut {0} {1} [options]", command.name, command.argument));
     if (options.threads < 0 || options.threads > 1024)
       throw taut::InputError("--threads: a whole number from 1 to 1024 belongs here");
+    if (!(options.budget >= 0 && options.budget < 1e9))
+      throw taut::InputError("--budget: a number of seconds, zero or more, belongs here");
     if (command.name == "predict" && options.rows.empty())
       throw taut::InputError(
           "taut predict: --rows FILE is missing; give a CSV file with the load columns of the bench");

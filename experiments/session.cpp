@@ -5,10 +5,14 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <set>
 
+#include "calib/beam_model.hpp"
+#include "calib/ladder.hpp"
 #include "experiments/version.hpp"
 #include "reports/vtu.hpp"
 #include "sim/core/error.hpp"
@@ -47,8 +51,32 @@ Session open_session(const CommandOptions& options) {
   session.experiment.equilibrium.stop = options.stop;
   if (options.threads > 0) session.experiment.threads = options.threads;
   session.trials = read_trials(session.experiment.bench);
-  session.bench = make_static_bench(session.experiment, session.experiment.mesh, session.trials);
+  Experiment& experiment = session.experiment;
+  if (experiment.model == Rung::solid) experiment.mesh = deepened(experiment.geometry, experiment.mesh);
+  session.bench = make_static_bench(experiment, experiment.mesh, session.trials);
+  if (experiment.model == Rung::beam) session.rungs = make_beam_bench(experiment, session.trials).protocol;
+  if (experiment.model == Rung::automatic) {
+    Ladder ladder = climb(experiment, session.trials, session.bench);
+    session.rungs = std::move(ladder.protocol);
+    session.choice = ladder.sentence;
+  }
   return session;
+}
+
+std::string compare_models(const Session& session, const Params& p, const Eigen::VectorXd& values, double seconds) {
+  if (!session.rungs) return "";
+  const auto start = std::chrono::steady_clock::now();
+  session.bench.protocol->forget();
+  const Prediction full = session.bench.protocol->predict(p, {});
+  const double took = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  double largest = 0;
+  for (Eigen::Index r = 0; r < values.size(); ++r) {
+    if (full.values[r] != 0 && std::isfinite(full.values[r] + values[r]))
+      largest = std::max(largest, std::abs(values[r] / full.values[r] - 1));
+  }
+  return fmt::format(
+      "a replay by the chosen models takes {:.2g} s, by the full one {:.2g} s; they differ by at most {:.2g} %",
+      seconds, took, 100 * largest);
 }
 
 Progress::Progress(bool quiet) : quiet_(quiet), terminal_(isatty(STDERR_FILENO) != 0) {}

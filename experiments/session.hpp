@@ -12,7 +12,11 @@ namespace taut {
 struct Session {
   Experiment experiment;
   Trials trials;
-  StaticBench bench;
+  StaticBench bench;  ///< of the full model, unless the file asks for rigid segments or a solid
+  /// What predicts instead where the file has model = "beam" or "auto"; null elsewhere.
+  std::unique_ptr<Protocol> rungs;
+  std::string choice;  ///< what model = "auto" chose, one sentence; else ""
+  Protocol& model() const { return rungs ? *rungs : *bench.protocol; }
 };
 Session open_session(const CommandOptions& options);
 
@@ -39,6 +43,10 @@ std::vector<std::pair<std::string, std::string>> describe_setup(const Session& s
 /// What a reader must know before trusting a prediction: locking elements, failed or folded states.
 std::vector<std::string> warnings_before(const Session& session);
 std::vector<std::string> warnings_after(const StaticProtocol& protocol);
+
+/// Where another model predicts: replays the bench's own one at `p` too, in which pictures are drawn, and says how far
+/// they are apart and what that took, one sentence. "" where there is one model only.
+std::string compare_models(const Session& session, const Params& p, const Eigen::VectorXd& values, double seconds);
 
 /// "0.51012 N" or "retraction = 5.89 mm, mass = 50 g".
 /// "retraction = 5.89 mm".

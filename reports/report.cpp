@@ -176,25 +176,45 @@ std::string summary(const RunRecord& record) {
   return out + "</div>\n";
 }
 
+/// "-0.41 ± 0.2 kPa".
+std::string share_of(const DiscretisationShare& share, size_t p, const Shown& shown) {
+  const std::string unit = shown.unit.name.empty() ? "" : " " + shown.unit.name;
+  const std::string bias = fmt::format("{:+.2g}", share.bias[p] / shown.unit.factor);
+  return std::isfinite(share.error[p]) ? fmt::format("{} ± {:.2g}{}", bias, share.error[p] / shown.unit.factor, unit)
+                                       : bias + unit;
+}
+
 std::string parameter_section(const RunRecord& record) {
   std::vector<std::vector<std::string>> rows;
+  std::vector<std::string> header = {"Parameter", "Meaning", "#Value", "#Standard error"};
+  for (const DiscretisationShare& share : record.shares) header.push_back("#" + share.source + " adds");
+  header.insert(header.end(), {"#95 % interval", "Verdict", "#Start", "#Allowed in the fit"});
   std::string explanations;
-  for (const ParameterEstimate& estimate : record.fit.parameters) {
+  for (size_t p = 0; p < record.fit.parameters.size(); ++p) {
+    const ParameterEstimate& estimate = record.fit.parameters[p];
     const Shown shown(estimate);
     const std::string unit = estimate.spec.unit;
-    rows.push_back({estimate.spec.id, estimate.spec.meaning, shown.with_unit(estimate.value),
-                    shown.with_unit(estimate.standard_error), shown.interval(estimate),
-                    std::string(name_of(estimate.verdict)), with_unit(estimate.start, unit),
-                    bound(estimate.lower, unit) + " to " + bound(estimate.upper, unit)});
+    std::vector<std::string>& row = rows.emplace_back();
+    row = {estimate.spec.id, estimate.spec.meaning, shown.with_unit(estimate.value),
+           shown.with_unit(estimate.standard_error)};
+    for (const DiscretisationShare& share : record.shares)
+      row.push_back(std::isfinite(share.bias[p]) ? share_of(share, p, shown) : "not known");
+    row.insert(row.end(),
+               {shown.interval(estimate), std::string(name_of(estimate.verdict)), with_unit(estimate.start, unit),
+                bound(estimate.lower, unit) + " to " + bound(estimate.upper, unit)});
     if (!estimate.explanation.empty()) {
       explanations += fmt::format("<p><b>{}</b>: {}</p>\n", escaped(estimate.spec.id), escaped(estimate.explanation));
     }
   }
-  return "<h2>What was fitted</h2>\n" +
-         table({"Parameter", "Meaning", "#Value", "#Standard error", "#95 % interval", "Verdict", "#Start",
-                "#Allowed in the fit"},
-               rows) +
-         explanations +
+  std::string shares;
+  for (const DiscretisationShare& share : record.shares)
+    shares += paragraph(fmt::format("What the {} adds: {} ({:.1f} s).", share.source, share.how, share.seconds));
+  if (!shares.empty())
+    shares = paragraph(
+                 "What mesh and contact gap add is part of the value as it stands: taking it off gives what elements "
+                 "without size, or faces without a gap, would have given.") +
+             shares;
+  return "<h2>What was fitted</h2>\n" + table(header, rows) + explanations + shares +
          paragraph(
              "\"Open\" means that the readings set no limit on that side. Standard errors and intervals come from "
              "the declared standard deviations of the readings alone; they know nothing of a wrong model, a wrong "

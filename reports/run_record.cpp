@@ -525,6 +525,15 @@ RunRecord read_record(const Entry& root) {
                                entry.at("predicted_decay_per_s").number()});
     }
   }
+  if (root.has("shares")) {
+    for (const Entry& entry : root.at("shares").list()) {
+      record.shares.push_back({entry.at("source").text(), entry.at("bias").numbers(), entry.at("error").numbers(),
+                               entry.at("how").text(), entry.at("seconds").number()});
+      const DiscretisationShare& share = record.shares.back();
+      if (share.bias.size() != record.fit.parameters.size()) entry.at("bias").wrong("one number for each parameter");
+      if (share.error.size() != record.fit.parameters.size()) entry.at("error").wrong("one number for each parameter");
+    }
+  }
   for (const Entry& entry : root.at("references").list()) {
     record.references.push_back({entry.at("parameter").text(), entry.at("value").number(), entry.at("source").text()});
   }
@@ -566,6 +575,14 @@ std::string to_json(const RunRecord& record) {
                       {"predicted_frequency_Hz", number(swing.predicted_frequency)},
                       {"predicted_decay_per_s", number(swing.predicted_decay)}});
   }
+  Json shares = Json::array();
+  for (const DiscretisationShare& share : record.shares) {
+    shares.push_back({{"source", share.source},
+                      {"bias", numbers(share.bias)},
+                      {"error", numbers(share.error)},
+                      {"how", share.how},
+                      {"seconds", number(share.seconds)}});
+  }
   Json references = Json::array();
   for (const ReferenceRecord& r : record.references) {
     references.push_back(Json{{"parameter", r.parameter}, {"value", number(r.value)}, {"source", r.source}});
@@ -582,6 +599,7 @@ std::string to_json(const RunRecord& record) {
                      {"status", name_of(record.fit.status)},
                      {"message", record.fit.message},
                      {"parameters", parameters},
+                     {"shares", shares},
                      {"fit", fit_json(record)},
                      {"experiment_file", record.experiment_file},
                      {"data_file", record.data_file},

@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "calib/discretisation.hpp"
 #include "calib/fit.hpp"
 
 namespace taut {
@@ -103,6 +104,7 @@ struct RunRecord {
   std::vector<std::string> series;         ///< per reading: as CurveRecord::series
   std::vector<std::string> parameter_ids;  ///< of fit.p, in its order
   FitResult fit;  ///< fit.parameters, statistics; fit.predicted etc. are per protocol row and not stored
+  std::vector<DiscretisationShare> shares;  ///< of mesh and contact gap in fit.parameters; empty: not asked for
   std::vector<ReadingRecord> readings;
   std::vector<CurveRecord> curves;
   std::vector<ShapeRecord> shapes;
@@ -125,8 +127,9 @@ std::string read_file(const std::string& path);  ///< InputError when it cannot 
 std::string sha256_of(const std::string& path);
 
 /// fit.json, schema in README: `schema`, `parameters` (a list of id, value, unit, standard_error, interval95 as [lower,
-/// upper] with null for an open end, verdict, ...), `fit`, `readings`, `curves`, `variants`, `provenance`. SI units;
-/// NaN is null.
+/// upper] with null for an open end, verdict, ...), `shares` (what mesh and contact gap add to each parameter:
+/// `source`, `bias` and its `error` in the order of `parameters`), `fit`, `readings`, `curves`, `variants`,
+/// `provenance`. SI units; NaN is null.
 std::string to_json(const RunRecord& record);
 /// The reverse. Throws InputError naming path and key when the file is not a fit.json of this schema.
 RunRecord read_run(const std::string& folder);

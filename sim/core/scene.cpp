@@ -56,7 +56,8 @@ SceneBuilder::SceneBuilder(Mesh mesh, Plane plane, double thickness)
     : mesh_(std::move(mesh)),
       plane_(plane),
       has_material_(mesh_.region_names.size()),
-      modulus_(mesh_.region_names.size(), -1) {
+      modulus_(mesh_.region_names.size(), -1),
+      rigid_(mesh_.region_names.size(), false) {
   if (mesh_.dimension() == 2) {
     thickness_ = declare({"thickness", "t", "m", 1e-9, 1e3, "thickness out of the plane"}, thickness);
   }
@@ -103,6 +104,12 @@ void SceneBuilder::add_solid(const std::string& region, const std::string& law,
   }
   has_material_[index] = true;
   terms_.push_back(make_solid(mesh_, definition));
+}
+
+void SceneBuilder::add_rigid(const std::string& region) {
+  const size_t index = static_cast<size_t>(mesh_.region_index(region));
+  if (has_material_[index]) throw InputError(fmt::format("region '{}' has two materials; give it one", region));
+  has_material_[index] = rigid_[index] = true;
 }
 
 void SceneBuilder::support(const std::string& tag, int component, int control) {
@@ -432,24 +439,54 @@ void SceneBuilder::check_rigid_motions() const {
   }
 }
 
-/// Connected pieces of each region.
-std::vector<Body> SceneBuilder::bodies() const {
+/// Connected pieces of each region, and of all rigid ones together: what touches moves as one. Rigid pieces that are
+/// clamped get supports on all their nodes.
+std::vector<Body> SceneBuilder::bodies() {
+  const int d = mesh_.dimension();
   std::vector<Body> bodies;
-  for (int region = 0; region < static_cast<int>(mesh_.region_names.size()); ++region) {
-    if (modulus_[static_cast<size_t>(region)] < 0) continue;
-    const std::vector<int> part =
-        parts_of(mesh_, [&](int e) { return mesh_.region[static_cast<size_t>(e)] == region; });
+  const auto add_pieces = [&](int modulus, auto&& belongs) {
+    const std::vector<int> part = parts_of(mesh_, belongs);
     std::map<int, Body> pieces;
     for (int node = 0; node < mesh_.node_count(); ++node) {
       if (part[static_cast<size_t>(node)] >= 0) pieces[part[static_cast<size_t>(node)]].nodes.push_back(node);
     }
     for (const auto& [dof, s] : supports_) {
-      const int piece = part[static_cast<size_t>(dof / mesh_.dimension())];
+      const int piece = part[static_cast<size_t>(dof / d)];
       if (piece >= 0) pieces[piece].supported = true;
     }
     for (auto& [representative, body] : pieces) {
-      body.modulus = modulus_[static_cast<size_t>(region)];
+      body.modulus = modulus;
       bodies.push_back(std::move(body));
+    }
+  };
+  for (int region = 0; region < static_cast<int>(mesh_.region_names.size()); ++region) {
+    const int modulus = modulus_[static_cast<size_t>(region)];
+    if (modulus >= 0) add_pieces(modulus, [&](int e) { return mesh_.region[static_cast<size_t>(e)] == region; });
+  }
+  if (std::find(rigid_.begin(), rigid_.end(), true) == rigid_.end()) return bodies;
+  add_pieces(-1, [&](int e) { return rigid_[static_cast<size_t>(mesh_.region[static_cast<size_t>(e)])]; });
+  for (const Body& body : bodies) {
+    if (!body.rigid() || !body.supported) continue;
+    const auto clamped = [&](int dof) {
+      const auto support = supports_.find(dof);
+      return support != supports_.end() && support->second.parameter < 0;
+    };
+    const auto held = std::count_if(body.nodes.begin(), body.nodes.end(), [&](int node) {
+      return clamped(node * d) && clamped(node * d + 1) && (d == 2 || clamped(node * d + 2));
+    });
+    const bool moved = std::any_of(body.nodes.begin(), body.nodes.end(), [&](int node) {
+      const auto support = supports_.lower_bound(node * d);
+      return support != supports_.end() && support->first < (node + 1) * d && !clamped(support->first);
+    });
+    if (held < d || moved) {
+      const Eigen::VectorXd at = 1e3 * mesh_.node(body.nodes.front());
+      throw InputError(
+          fmt::format("a rigid body (with the node at {:.4g}, {:.4g} mm) has supports that do not clamp it; fix all "
+                      "components on one of its faces, or none",
+                      at[0], at[1]));
+    }
+    for (int node : body.nodes) {
+      for (int i = 0; i < d; ++i) supports_.insert_or_assign(node * d + i, Support{node * d + i, -1, 0.0});
     }
   }
   return bodies;
@@ -466,11 +503,11 @@ void SceneBuilder::check_materials() const {
 Scene SceneBuilder::build(bool free_bodies) {
   check_materials();
   if (!free_bodies) check_rigid_motions();
+  std::vector<Body> pieces = bodies();
   std::vector<Support> supports;
   for (const auto& [dof, s] : supports_) supports.push_back(s);
   Scene scene;
   scene.values = Eigen::Map<const Eigen::VectorXd>(values_.data(), static_cast<Eigen::Index>(values_.size()));
-  std::vector<Body> pieces = bodies();
   scene.model = std::make_unique<Model>(std::move(mesh_), std::move(parameters_), std::move(terms_),
                                         std::move(supports), std::move(pieces));
   return scene;

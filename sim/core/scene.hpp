@@ -120,7 +120,7 @@ class SceneBuilder {
   std::vector<int> part_of_nodes() const;
   void check_materials() const;
   void check_rigid_motions() const;
-  std::vector<Body> bodies() const;
+  std::vector<Body> bodies();
   void check_direction(const Eigen::VectorXd& direction) const;
 
   Mesh mesh_;

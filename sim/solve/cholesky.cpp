@@ -3,40 +3,66 @@
 #include <cholmod.h>
 #include <dlfcn.h>
 
+#include <algorithm>
 #include <atomic>
+#include <numeric>
 #include <stdexcept>
+#include <utility>
 
 namespace taut {
 namespace {
 
 std::atomic<bool> one_thread = false;
 
-/// CHOLMOD asks OpenMP for four threads, whatever its environment variables say, and at our sizes they cost more than
-/// they bring: half of the processor time of a factorisation. This forbids them; OpenMP keeps the setting per calling
-/// thread.
-void forbid_openmp_threads() {
-  using Setter = void (*)(int);
-  static const auto setter = reinterpret_cast<Setter>(dlsym(RTLD_DEFAULT, "omp_set_max_active_levels"));
-  if (setter != nullptr) setter(0);
-}
+/// This thread is within CHOLMOD, which shall not use OpenMP's threads.
+thread_local bool serial = false;
+
+/// Makes this thread `serial` while it lives, where use_one_blas_thread() was asked for.
+struct Serial {
+  const bool before = std::exchange(serial, one_thread.load());
+  Serial() = default;
+  Serial(const Serial&) = delete;
+  Serial& operator=(const Serial&) = delete;
+  ~Serial() { serial = before; }
+};
 
 }  // namespace
+}  // namespace taut
 
+/// CHOLMOD opens a parallel region of four threads for each of thousands of small blocks, whatever its environment
+/// variables say, and libgomp ends every region with a system call, even one of a single thread: more than half of a
+/// factorisation's time at our sizes. This stands before libgomp's own function, which all other callers still get.
+extern "C" __attribute__((visibility("default"))) void GOMP_parallel(void (*region)(void*), void* data,
+                                                                     unsigned threads, unsigned flags) {
+  if (taut::serial) return region(data);
+  using Parallel = void (*)(void (*)(void*), void*, unsigned, unsigned);
+  static const auto libgomp = reinterpret_cast<Parallel>(dlsym(RTLD_NEXT, "GOMP_parallel"));
+  libgomp(region, data, threads, flags);
+}
+
+namespace taut {
+
+/// CHOLMOD permutes and transposes its matrix in every factorisation. Here the matrix is put into the order of
+/// elimination once, when its pattern comes, and CHOLMOD is told to keep that order.
 struct Cholesky::Implementation {
   cholmod_common common;
-  const SparsePattern* pattern;
+  SparsePattern ordered;       ///< the pattern in the order of elimination
+  std::vector<int> place;      ///< unknown to its place in that order
+  std::vector<int> slot;       ///< entry of the given pattern to its place in `ordered`
+  std::vector<double> values;  ///< of `ordered`
   cholmod_factor* factor = nullptr;
   int factorisations = 0;
 
-  explicit Implementation(const SparsePattern& pattern_) : pattern(&pattern_) {
+  explicit Implementation(const SparsePattern& pattern) {
     cholmod_start(&common);
     common.print = 0;
     common.supernodal = CHOLMOD_AUTO;
     common.final_ll = 1;  // L L^T in the simplicial case too, so that an indefinite matrix is always noticed
     common.quick_return_if_not_posdef = 1;
-    cholmod_sparse A = view(nullptr);
+    cholmod_sparse A = view(pattern, nullptr);
     factor = cholmod_analyze(&A, &common);
     if (factor == nullptr) throw std::bad_alloc();
+    order(pattern);
   }
   ~Implementation() {
     cholmod_free_factor(&factor, &common);
@@ -45,12 +71,54 @@ struct Cholesky::Implementation {
   Implementation(const Implementation&) = delete;
   Implementation& operator=(const Implementation&) = delete;
 
-  cholmod_sparse view(const double* values) const {
+  struct Entry {
+    int column, row, from;
+  };
+  /// Takes the analysis' order out of the factor and applies it to the pattern.
+  void order(const SparsePattern& pattern) {
+    place.resize(static_cast<size_t>(pattern.size));
+    int* order = static_cast<int*>(factor->Perm);
+    for (int k = 0; k < pattern.size; ++k) place[static_cast<size_t>(std::exchange(order[k], k))] = k;
+    factor->ordering = CHOLMOD_NATURAL;
+
+    // A counting sort by rows, then by columns.
+    const auto sort_by = [&](auto&& key, const std::vector<Entry>& from) {
+      std::vector<int> next(static_cast<size_t>(pattern.size) + 1, 0);
+      for (const Entry& entry : from) ++next[static_cast<size_t>(key(entry)) + 1];
+      std::partial_sum(next.begin(), next.end(), next.begin());
+      std::vector<Entry> to(from.size());
+      for (const Entry& entry : from) to[static_cast<size_t>(next[static_cast<size_t>(key(entry))]++)] = entry;
+      return to;
+    };
+    std::vector<Entry> entries;
+    entries.reserve(pattern.rows.size());
+    for (int j = 0; j < pattern.size; ++j) {
+      for (int k = pattern.columns[static_cast<size_t>(j)]; k < pattern.columns[static_cast<size_t>(j) + 1]; ++k) {
+        const int one = place[static_cast<size_t>(j)],
+                  two = place[static_cast<size_t>(pattern.rows[static_cast<size_t>(k)])];
+        entries.push_back({std::min(one, two), std::max(one, two), k});
+      }
+    }
+    entries = sort_by([](const Entry& entry) { return entry.row; }, entries);
+    entries = sort_by([](const Entry& entry) { return entry.column; }, entries);
+    ordered.size = pattern.size;
+    ordered.columns.assign(static_cast<size_t>(pattern.size) + 1, 0);
+    slot.resize(entries.size());
+    for (const Entry& entry : entries) {
+      slot[static_cast<size_t>(entry.from)] = static_cast<int>(ordered.rows.size());
+      ordered.rows.push_back(entry.row);
+      ++ordered.columns[static_cast<size_t>(entry.column) + 1];
+    }
+    std::partial_sum(ordered.columns.begin(), ordered.columns.end(), ordered.columns.begin());
+    values.resize(entries.size());
+  }
+
+  static cholmod_sparse view(const SparsePattern& pattern, const double* values) {
     cholmod_sparse A{};
-    A.nrow = A.ncol = static_cast<size_t>(pattern->size);
-    A.nzmax = static_cast<size_t>(pattern->entries());
-    A.p = const_cast<int*>(pattern->columns.data());
-    A.i = const_cast<int*>(pattern->rows.data());
+    A.nrow = A.ncol = static_cast<size_t>(pattern.size);
+    A.nzmax = static_cast<size_t>(pattern.entries());
+    A.p = const_cast<int*>(pattern.columns.data());
+    A.i = const_cast<int*>(pattern.rows.data());
     A.x = const_cast<double*>(values);
     A.stype = -1;
     A.itype = CHOLMOD_INT;
@@ -69,11 +137,12 @@ Cholesky& Cholesky::operator=(Cholesky&&) noexcept = default;
 
 bool Cholesky::factorise(const std::vector<double>& values, double shift) {
   Implementation& self = *implementation_;
-  cholmod_sparse A = self.view(values.data());
+  for (size_t k = 0; k < self.slot.size(); ++k) self.values[static_cast<size_t>(self.slot[k])] = values[k];
+  cholmod_sparse A = self.view(self.ordered, self.values.data());
   double beta[2] = {shift, 0};
   ++self.factorisations;
   self.common.status = CHOLMOD_OK;
-  if (one_thread) forbid_openmp_threads();
+  const Serial alone;
   cholmod_factorize_p(&A, beta, nullptr, 0, self.factor, &self.common);
   if (self.common.status == CHOLMOD_OUT_OF_MEMORY) throw std::bad_alloc();
   return self.common.status == CHOLMOD_OK && self.factor->minor == self.factor->n;
@@ -81,16 +150,20 @@ bool Cholesky::factorise(const std::vector<double>& values, double shift) {
 
 Eigen::MatrixXd Cholesky::solve(const Eigen::MatrixXd& b) const {
   Implementation& self = *implementation_;
+  Eigen::MatrixXd x(b.rows(), b.cols());
+  for (Eigen::Index i = 0; i < b.rows(); ++i) x.row(self.place[static_cast<size_t>(i)]) = b.row(i);
   cholmod_dense B{};
   B.nrow = B.d = static_cast<size_t>(b.rows());
   B.ncol = static_cast<size_t>(b.cols());
   B.nzmax = static_cast<size_t>(b.size());
-  B.x = const_cast<double*>(b.data());
+  B.x = x.data();
   B.xtype = CHOLMOD_REAL;
   B.dtype = CHOLMOD_DOUBLE;
+  const Serial alone;
   cholmod_dense* X = cholmod_solve(CHOLMOD_A, self.factor, &B, &self.common);
   if (X == nullptr) throw std::runtime_error("CHOLMOD could not solve");
-  Eigen::MatrixXd x = Eigen::Map<const Eigen::MatrixXd>(static_cast<const double*>(X->x), b.rows(), b.cols());
+  const Eigen::Map<const Eigen::MatrixXd> ordered(static_cast<const double*>(X->x), b.rows(), b.cols());
+  for (Eigen::Index i = 0; i < b.rows(); ++i) x.row(i) = ordered.row(self.place[static_cast<size_t>(i)]);
   cholmod_free_dense(&X, &self.common);
   return x;
 }

@@ -68,7 +68,7 @@ void Equilibrium::start_at(const Eigen::VectorXd& u, const Params& p) {
 
 void Equilibrium::start_beyond(const Eigen::VectorXd& u, const Eigen::VectorXd& step, const Params& p) {
   double fraction = 1;
-  start_at(Motion(*model_, p).admissible(u, step, p, fraction), p);
+  start_at(motion(p).admissible(u, step, p, fraction), p);
 }
 
 /// Assembles gradient and Hessian at u and factorises: exact, else projected, else projected and shifted.
@@ -100,7 +100,7 @@ Eigen::VectorXd Equilibrium::free_gradient_at(const Eigen::VectorXd& u, const Pa
   Assembly out;
   out.gradient = &gradient;
   model_->evaluate(at(u, p), out);
-  return model_->restrict_to_free(gradient);
+  return hessian_.reduction().restrict_to_free(u, gradient);
 }
 
 /// Newton's method at fixed p. `u` is the start (supports imposed) and the result.
@@ -115,7 +115,7 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
     Assembly energy;
     double slope = 0, fraction = 1;
   } reference;
-  const Motion motion(*model_, p);
+  const Motion way = motion(p);
   Assembly energy, next;
   model_->evaluate(at(u, p), energy);
   if (!std::isfinite(energy.energy)) return {SolveStatus::infeasible_start, false};
@@ -129,14 +129,23 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
     bool exact = true;
     if (!factorise(exact, u, p, gradient)) return {SolveStatus::stalled, false};
     ++report_.iterations;
-    const Eigen::VectorXd free_gradient = model_->restrict_to_free(gradient);
+    const Eigen::VectorXd free_gradient = hessian_.reduction().restrict_to_free(u, gradient);
     const Eigen::VectorXd free_step = -hessian_.solve(free_gradient);
     if (!free_step.allFinite()) return {SolveStatus::stalled, false};
     report_.gradient = largest(free_gradient);
+    if (report_.gradient < options_.stop_at_force) return {SolveStatus::converged, exact};
     const double slope = free_gradient.dot(free_step);  // < 0, twice the predicted decrease
     const double noise = 10 * epsilon * energy.magnitude;
-    const Eigen::VectorXd step = model_->extend_from_free(free_step);
+    const Eigen::VectorXd step = hessian_.reduction().extend_from_free(u, free_step);
 
+    if (options_.line_search == LineSearch::none) {
+      double whole = 1;
+      u = way.admissible(u, step, p, whole);
+      model_->evaluate(at(u, p), energy);
+      if (!std::isfinite(energy.energy)) return {SolveStatus::stalled, false};
+      if (largest(free_step) <= tolerance) return {SolveStatus::converged, exact};
+      continue;
+    }
     // Near the rounding floor energies cannot tell better from worse; the gradient can (approximate Wolfe conditions).
     auto better_by_gradient = [&] {
       if (!(next.energy <= energy.energy + noise)) return false;
@@ -146,18 +155,25 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
     };
 
     double fraction = 1;
-    trial = motion.admissible(u, step, p, fraction);
+    trial = way.admissible(u, step, p, fraction);
     if (fraction == 0) return {SolveStatus::stalled, false};
     model_->evaluate(at(trial, p), next);
     // The Newton step is the error estimate. A last full step costs no factorisation and leaves an error of its square.
-    if (largest(free_step) <= tolerance) {
+    const double size = largest(free_step);
+    if (size <= tolerance) {
       if (next.energy <= energy.energy + noise) u = trial;
       return {SolveStatus::converged, exact};
     }
+    if (polish_ == Polish::search && exact && fraction == 1 && next.energy <= energy.energy &&
+        refine(trial, p, 0.1 * size)) {
+      u = trial;
+      return {SolveStatus::converged, true};
+    }
     if (!on_trust) reference = {u, step, energy, slope, fraction};
-    const bool sufficient =
-        next.energy <= reference.energy.energy + 1e-4 * reference.fraction * reference.slope || better_by_gradient();
-    if (sufficient || (!on_trust && std::isfinite(next.energy))) {
+    const bool armijo = options_.line_search == LineSearch::armijo;
+    const bool sufficient = next.energy <= reference.energy.energy + 1e-4 * reference.fraction * reference.slope ||
+                            (!armijo && better_by_gradient());
+    if (sufficient || (!armijo && !on_trust && std::isfinite(next.energy))) {
       on_trust = !sufficient;
       u = trial;
       energy = next;
@@ -167,7 +183,7 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
     on_trust = false;
     const double shortest = 1e-9 * reference.fraction;
     for (fraction = 0.5 * reference.fraction; fraction > shortest; fraction *= 0.5) {
-      trial = motion.admissible(reference.u, reference.step, p, fraction);
+      trial = way.admissible(reference.u, reference.step, p, fraction);
       model_->evaluate(at(trial, p), next);
       if (next.energy <= reference.energy.energy + 1e-4 * fraction * reference.slope) break;
     }
@@ -175,10 +191,27 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
     energy = fraction > shortest ? next : reference.energy;
     if (fraction > shortest) continue;
     // No acceptable step; when even the predicted decrease is below what rounding lets us see, this is the floor.
-    const bool floor = std::abs(reference.slope) <= 10 * epsilon * reference.energy.magnitude;
+    const bool floor = !armijo && std::abs(reference.slope) <= 10 * epsilon * reference.energy.magnitude;
     return {floor ? SolveStatus::converged : SolveStatus::stalled, false};
   }
   return {SolveStatus::iteration_limit, false};
+}
+
+/// Steps with the last factor again, as long as each is at most a tenth of the one before it; the first one says how
+/// much the Hessian has changed since. True when u has come to the tolerance.
+bool Equilibrium::refine(Eigen::VectorXd& u, const Params& p, double largest_step) {
+  const double tolerance = options_.step_tolerance * model_->length_scale();
+  for (int iteration = 0; iteration < 8; ++iteration) {
+    const Eigen::VectorXd step = -hessian_.solve(free_gradient_at(u, p));
+    const double size = largest(step);
+    if (!(size <= largest_step)) return false;
+    double fraction = 1;
+    u = motion(p).admissible(u, hessian_.reduction().extend_from_free(u, step), p, fraction);
+    if (fraction < 1) return false;
+    if (0.1 * size <= tolerance) return true;
+    largest_step = 0.1 * size;
+  }
+  return false;
 }
 
 /// At a stationary point whose exact Hessian is not positive definite: finds the direction of the lowest eigenvalue by
@@ -191,20 +224,20 @@ bool Equilibrium::leave_saddle(Eigen::VectorXd& u, const Params& p) {
     shift *= 10;
     if (!(shift < 1e3 * scale)) return false;
   }
-  Eigen::VectorXd mode(model_->free_unknowns());
+  Eigen::VectorXd mode(hessian_.reduction().size());
   for (Eigen::Index i = 0; i < mode.size(); ++i) mode[i] = 1.0 + 0.5 * std::sin(1.0 + 0.7 * static_cast<double>(i));
   for (int iteration = 0; iteration < 20; ++iteration) mode = hessian_.solve(mode.normalized());
   mode /= largest(mode);
-  const Eigen::VectorXd direction = model_->extend_from_free(mode);
-  if (!(model_->hessian_times(at(u, p), direction).dot(direction) < 0)) return false;
+  if (!(hessian_.times(mode).dot(mode) < 0)) return false;
+  const Eigen::VectorXd direction = hessian_.reduction().extend_from_free(u, mode);
   Eigen::VectorXd best;
-  const Motion motion(*model_, p);
+  const Motion way = motion(p);
   double lowest = infinity;
   for (double amplitude = 1e-2 * model_->length_scale();
        amplitude > 1e-6 * model_->length_scale() && lowest == infinity; amplitude *= 0.5) {
     for (double sign : {1.0, -1.0}) {
       double fraction = amplitude;
-      const Eigen::VectorXd candidate = motion.admissible(u, sign * direction, p, fraction);
+      const Eigen::VectorXd candidate = way.admissible(u, sign * direction, p, fraction);
       Assembly energy;
       model_->evaluate(at(candidate, p), energy);
       if (energy.energy < out.energy && energy.energy < lowest) {
@@ -242,18 +275,19 @@ Eigen::VectorXd Equilibrium::right_hand_side(int index) const {
   Eigen::VectorXd g = model_->parameter_gradient(at(u_, p_), index);
   const Eigen::VectorXd moved = model_->support_derivative(index);
   if (!moved.isZero(0)) g += model_->hessian_times(at(u_, p_), moved);
-  return -model_->restrict_to_free(g);
+  return -hessian_.reduction().restrict_to_free(u_, g);
 }
 
 Eigen::MatrixXd Equilibrium::sensitivities(const std::vector<int>& indices) const {
   if (!has_factor_) throw std::logic_error("sensitivities need a converged equilibrium");
-  Eigen::MatrixXd rhs(model_->free_unknowns(), static_cast<Eigen::Index>(indices.size()));
+  const Reduction& reduction = hessian_.reduction();
+  Eigen::MatrixXd rhs(reduction.size(), static_cast<Eigen::Index>(indices.size()));
   for (size_t k = 0; k < indices.size(); ++k) rhs.col(static_cast<Eigen::Index>(k)) = right_hand_side(indices[k]);
   const Eigen::MatrixXd free = hessian_.solve(rhs);
   Eigen::MatrixXd all(model_->unknowns(), rhs.cols());
   for (size_t k = 0; k < indices.size(); ++k) {
     all.col(static_cast<Eigen::Index>(k)) =
-        model_->extend_from_free(free.col(static_cast<Eigen::Index>(k))) + model_->support_derivative(indices[k]);
+        reduction.extend_from_free(u_, free.col(static_cast<Eigen::Index>(k))) + model_->support_derivative(indices[k]);
   }
   return all;
 }
@@ -261,7 +295,7 @@ Eigen::MatrixXd Equilibrium::sensitivities(const std::vector<int>& indices) cons
 /// First-order change of the equilibrium on the way to `p`, from the kept factor. Towards a new start a stiffness
 /// enters by its reciprocal, in which displacements of a linear solid are linear.
 Eigen::VectorXd Equilibrium::predicted_step(const Params& p, bool stiffness_by_reciprocal) const {
-  Eigen::VectorXd rhs = Eigen::VectorXd::Zero(model_->free_unknowns());
+  Eigen::VectorXd rhs = Eigen::VectorXd::Zero(hessian_.reduction().size());
   Eigen::VectorXd supported = Eigen::VectorXd::Zero(model_->unknowns());
   for (int k = 0; k < p.size(); ++k) {
     if (p[k] == p_[k]) continue;
@@ -269,7 +303,7 @@ Eigen::VectorXd Equilibrium::predicted_step(const Params& p, bool stiffness_by_r
     rhs += (stiffness ? p_[k] * (1 - p_[k] / p[k]) : p[k] - p_[k]) * right_hand_side(k);
     supported += (p[k] - p_[k]) * model_->support_derivative(k);
   }
-  return model_->extend_from_free(hessian_.solve(rhs)) + supported;
+  return hessian_.reduction().extend_from_free(u_, hessian_.solve(rhs)) + supported;
 }
 
 /// Start of the search at `p`: the predicted state, or where it is no better, the current one with supports imposed.
@@ -278,15 +312,20 @@ Eigen::VectorXd Equilibrium::predict(const Params& p) const {
   model_->impose_supports(p, plain);
   if (!has_factor_) return plain;
   double fraction = 1;
-  Eigen::VectorXd predicted = Motion(*model_, p).admissible(u_, predicted_step(p, true), p, fraction);
+  Eigen::VectorXd predicted = motion(p).admissible(u_, predicted_step(p, true), p, fraction);
   model_->impose_supports(p, predicted);
   Assembly a, b;
   model_->evaluate(at(predicted, p), a);
   model_->evaluate(at(plain, p), b);
   // Supports may have been moved through something, which the contact barrier would not notice afterwards.
-  if (model_->step_limit(at(u_, p), plain - u_) < 1) b.energy = infinity;
-  if (model_->step_limit(at(u_, p), predicted - u_) < 1) a.energy = infinity;
+  if (passes_through(p, plain)) b.energy = infinity;
+  if (passes_through(p, predicted)) a.energy = infinity;
   return std::isfinite(a.energy) && !(a.energy > b.energy) ? predicted : plain;
+}
+
+/// Whether something is passed through on the straight way from u_.
+bool Equilibrium::passes_through(const Params& p, const Eigen::VectorXd& u) const {
+  return !options_.ignore_contact && model_->step_limit(at(u_, p), u - u_) < 1;
 }
 
 /// Whether the new state, u_ at p_, belongs to another equilibrium path than u_before at p_before. On one path the
@@ -299,7 +338,7 @@ bool Equilibrium::slipped(const Eigen::VectorXd& u_before, const Params& p_befor
   const double allowed = std::max(0.05 * model_->length_scale(), 0.3 * change);
   if (miss <= allowed) return false;
   if (has_factor_) {
-    const Eigen::VectorXd back = Motion(*model_, p_).along(u_, predicted_step(p_before, false), 1.0);
+    const Eigen::VectorXd back = motion(p_).along(u_, predicted_step(p_before, false), 1.0);
     miss = std::min(miss, largest(back - u_before));
   }
   return miss > allowed;
@@ -307,15 +346,17 @@ bool Equilibrium::slipped(const Eigen::VectorXd& u_before, const Params& p_befor
 
 Eigen::MatrixXd Equilibrium::solve_linear(const Eigen::MatrixXd& b) const {
   if (!has_factor_) throw std::logic_error("a linear solve needs a converged equilibrium");
-  Eigen::MatrixXd free(model_->free_unknowns(), b.cols()), all(model_->unknowns(), b.cols());
-  for (Eigen::Index k = 0; k < b.cols(); ++k) free.col(k) = model_->restrict_to_free(b.col(k));
+  const Reduction& reduction = hessian_.reduction();
+  Eigen::MatrixXd free(reduction.size(), b.cols()), all(model_->unknowns(), b.cols());
+  for (Eigen::Index k = 0; k < b.cols(); ++k) free.col(k) = reduction.restrict_to_free(u_, b.col(k));
   free = hessian_.solve(free);
-  for (Eigen::Index k = 0; k < b.cols(); ++k) all.col(k) = model_->extend_from_free(free.col(k));
+  for (Eigen::Index k = 0; k < b.cols(); ++k) all.col(k) = reduction.extend_from_free(u_, free.col(k));
   return all;
 }
 
 const SolveReport& Equilibrium::solve_step(const Eigen::VectorXd& start, const Params& p, const TimeStep& step) {
   report_ = {};
+  polish_ = Polish::full;
   const int factorisations = hessian_.factorisations();
   step_ = &step;
   Eigen::VectorXd u = start;
@@ -339,14 +380,16 @@ bool Equilibrium::refactorise() {
   return has_factor_ = std::isfinite(out.energy) && hessian_.factorise();
 }
 
-const SolveReport& Equilibrium::solve(const Params& p) {
+const SolveReport& Equilibrium::solve(const Params& p, Polish polish) {
   report_ = {};
+  polish_ = polish;
   if (std::exchange(step_, nullptr) != nullptr) has_factor_ = false;
   const int factorisations = hessian_.factorisations();
   const Params start = p_;
   const double smallest_step = std::ldexp(1.0, -options_.max_halvings);
   constexpr double smallest_followed = 1.0 / 64;  // a slip within a shorter load step counts as one
-  double step = 1;
+  const double longest_step = 1.0 / options_.load_steps;
+  double step = longest_step;
   while (report_.reached < 1) {
     const double target = std::min(1.0, report_.reached + step);
     step = target - report_.reached;
@@ -357,8 +400,7 @@ const SolveReport& Equilibrium::solve(const Params& p) {
     Eigen::VectorXd u = predict(next);
     const bool checked = options_.check_path && next != p_;
     const Eigen::VectorXd predicted = checked && has_factor_ ? u : Eigen::VectorXd();
-    const bool passes = model_->step_limit(at(u_, next), u - u_) < 1;
-    report_.status = passes ? SolveStatus::infeasible_start : settle(u, next);
+    report_.status = passes_through(next, u) ? SolveStatus::infeasible_start : settle(u, next);
     if (report_.status == SolveStatus::converged) {
       const Eigen::VectorXd u_before = std::exchange(u_, u);
       const Params p_before = std::exchange(p_, next);
@@ -376,7 +418,7 @@ const SolveReport& Equilibrium::solve(const Params& p) {
       }
       report_.reached = target;
       ++report_.load_steps;
-      step *= 2;
+      step = std::min(2 * step, longest_step);
       continue;
     }
     has_factor_ = false;                                                  // it belongs to a state that was given up

@@ -63,6 +63,13 @@ struct SolveReport {
   std::string message() const;  ///< one phrase for people
 };
 
+/// How far an equilibrium is polished.
+enum class Polish {
+  full,   ///< to step_tolerance, and the kept factor is of a state within that
+  search  ///< to step_tolerance, but the last steps go with the factor before them as long as that has changed by a
+          ///< tenth at most; sensitivities are off by as much. For searches whose end is computed again
+};
+
 /// Static equilibrium u* = argmin_u Pi(u; p): Newton's method on the exact Hessian, projected or shifted only when its
 /// Cholesky factorisation fails, with a line search that survives the rounding floor; load stepping from the last
 /// equilibrium when the whole change is too much at once. Keeps the last equilibrium, its factorised exact Hessian and
@@ -91,7 +98,7 @@ class Equilibrium {
 
   /// Moves from the current state to the equilibrium at `p`. On failure the state stays at the last equilibrium that
   /// was reached on the way (report().reached of the change).
-  const SolveReport& solve(const Params& p);
+  const SolveReport& solve(const Params& p, Polish polish = Polish::full);
 
   /// Minimises the potential of one time step at `p` from `start` (supports imposed), without load stepping: the new
   /// state is u() when the report says converged; otherwise the last one stays. `step` has to live on, there or
@@ -110,13 +117,16 @@ class Equilibrium {
                         ///< final u
   };
   NewtonResult minimise(Eigen::VectorXd& u, const Params& p);
+  bool refine(Eigen::VectorXd& u, const Params& p, double largest_step);
   bool leave_saddle(Eigen::VectorXd& u, const Params& p);
   SolveStatus settle(Eigen::VectorXd& u, const Params& p);
   Eigen::VectorXd predicted_step(const Params& p, bool stiffness_by_reciprocal) const;
   Eigen::VectorXd predict(const Params& p) const;
+  bool passes_through(const Params& p, const Eigen::VectorXd& u) const;
   bool slipped(const Eigen::VectorXd& u_before, const Params& p_before, const Eigen::VectorXd& predicted) const;
   Eigen::VectorXd right_hand_side(int index) const;
   bool factorise(bool& exact, const Eigen::VectorXd& u, const Params& p, Eigen::VectorXd& gradient);
+  Motion motion(const Params& p) const { return {*model_, p, options_.straight_steps, options_.ignore_contact}; }
   Eigen::VectorXd free_gradient_at(const Eigen::VectorXd& u, const Params& p) const;
   Point at(const Eigen::VectorXd& u, const Params& p) const { return {u, p, step_}; }
   bool stopped() const { return options_.stop != nullptr && options_.stop->load(); }
@@ -128,6 +138,7 @@ class Equilibrium {
   Params p_;
   const TimeStep* step_ = nullptr;  ///< the time step at work, if any
   bool has_factor_ = false;
+  Polish polish_ = Polish::full;
   bool buckling_ = false;  ///< a saddle was left on the way to the equilibrium that is searched now
   SolveReport report_;
 };

@@ -1,16 +1,18 @@
 #pragma once
 #include <Eigen/Core>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "sim/core/model.hpp"
 #include "sim/solve/cholesky.hpp"
+#include "sim/solve/reduction.hpp"
 
 namespace taut {
 
-/// The Hessian of a model at one state, on its free unknowns, with its Cholesky factor. Its pattern is the model's,
-/// and grows by the couplings that states bring along (contact); the symbolic analysis is made again only then. One
-/// object per thread.
+/// The Hessian of a model at one state, on the unknowns of its Reduction, with its Cholesky factor. Its pattern is the
+/// model's, and grows by the couplings that states bring along (contact); the symbolic analysis is made again only
+/// then. One object per thread.
 class Hessian {
  public:
   explicit Hessian(const Model& model);
@@ -19,11 +21,16 @@ class Hessian {
   Assembly assemble(const Point& at, Curvature curvature, Eigen::VectorXd* gradient);
   /// Factorises what was assembled, plus shift * I. False when it is not positive definite.
   bool factorise(double shift = 0);
-  /// Solves with the last factor, on the free unknowns; shape (n) or (n x k).
-  Eigen::MatrixXd solve(const Eigen::MatrixXd& b) const { return cholesky_.solve(b); }
+  /// Solves with the last factor; shape (n) or (n x k).
+  Eigen::MatrixXd solve(const Eigen::MatrixXd& b) const { return (grown_ ? *grown_ : own_cholesky_).solve(b); }
+  /// What was assembled times q.
+  Eigen::VectorXd times(const Eigen::VectorXd& q) const;
+  const Reduction& reduction() const { return reduction_; }
   /// Mean absolute diagonal entry [N/m].
   double mean_diagonal() const;
-  int factorisations() const { return factorisations_ + cholesky_.factorisations(); }
+  int factorisations() const {
+    return factorisations_ + own_cholesky_.factorisations() + (grown_ ? grown_->factorisations() : 0);
+  }
   /// Back to the model's own pattern, so that what follows does not depend on what was solved before.
   void forget_couplings();
 
@@ -32,18 +39,30 @@ class Hessian {
     int column, row;
     auto operator<=>(const Place&) const = default;
   };
+  struct Spread {
+    int entry, slot, left, right;
+    double factor;
+  };
+  const SparsePattern& base() const { return reduction_.identity() ? model_->pattern() : reduction_.pattern(); }
+  const std::vector<double>& values() const;
+  void reduce(const Point& at, Curvature curvature, const Eigen::VectorXd& gradient,
+              const std::vector<double>& weights);
   void set_pattern(std::vector<Place> extra);
   int slot_of(int row, int column) const;
 
   const Model* model_;
-  std::unique_ptr<SparsePattern> pattern_;  ///< the model's and the couplings'
-  std::vector<Place> extra_;    ///< free unknowns of the couplings that are not in the model's pattern; sorted
-  std::vector<int> slots_;      ///< of the model's entries in pattern_; empty when they are the same
-  std::vector<double> own_;     ///< values of the model's pattern and one extra slot
-  std::vector<double> values_;  ///< values of pattern_, when it has more
+  Reduction reduction_;
+  std::unique_ptr<SparsePattern> pattern_;  ///< base() and the couplings'
+  std::vector<Place> extra_;                ///< couplings that are not in base(); sorted
+  std::vector<int> slots_;                  ///< of base()'s entries in pattern_; empty when they are the same
+  std::vector<double> own_;                 ///< values of the model's pattern and one extra slot
+  std::vector<Spread> spreads_;             ///< from own_ to reduced_
+  std::vector<double> reduced_;             ///< values of base(), where that is not the model's pattern
+  std::vector<double> values_;              ///< values of pattern_, where that is not base()
   std::vector<Coupling> couplings_;
-  Cholesky cholesky_;
-  int factorisations_ = 0;  ///< by factors of earlier patterns
+  Cholesky own_cholesky_;          ///< of base()
+  std::optional<Cholesky> grown_;  ///< of pattern_, where that is not base()
+  int factorisations_ = 0;         ///< by factors of patterns in between
 };
 
 }  // namespace taut

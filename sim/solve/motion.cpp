@@ -19,11 +19,15 @@ Eigen::Vector3d turned_by(const Eigen::Vector3d& w, const Eigen::Vector3d& v) {
 
 }  // namespace
 
-Motion::Motion(const Model& model, const Params& p) : model_(&model) {
+Motion::Motion(const Model& model, const Params& p, bool straight, bool unchecked)
+    : model_(&model), unchecked_(unchecked) {
   double softest = std::numeric_limits<double>::infinity();
-  for (const Body& body : model.bodies()) softest = std::min(softest, p[body.modulus]);
   for (const Body& body : model.bodies()) {
-    if (!body.supported && p[body.modulus] > 100 * softest) stiff_.push_back(&body);
+    if (!body.rigid()) softest = std::min(softest, p[body.modulus]);
+  }
+  for (const Body& body : model.bodies()) {
+    if (body.supported) continue;
+    if (body.rigid() || (!straight && p[body.modulus] > 100 * softest)) stiff_.push_back(&body);
   }
 }
 
@@ -65,6 +69,7 @@ Eigen::VectorXd Motion::along(const Eigen::VectorXd& u, const Eigen::VectorXd& s
 
 Eigen::VectorXd Motion::admissible(const Eigen::VectorXd& u, const Eigen::VectorXd& step, const Params& p,
                                    double& fraction) const {
+  if (unchecked_) return along(u, step, fraction);
   for (int attempt = 0; attempt < 20; ++attempt) {
     Eigen::VectorXd trial = along(u, step, fraction);
     const double limit = model_->step_limit({u, p}, trial - u);

@@ -15,8 +15,9 @@ namespace taut {
 /// dx/da at a = 0 is the step, so Newton's order and the slope of the energy are untouched.
 class Motion {
  public:
-  /// Bodies without supports whose modulus at `p` is more than 100 times the softest one's count as stiff.
-  Motion(const Model& model, const Params& p);
+  /// Bodies without supports whose modulus at `p` is more than 100 times the softest one's count as stiff, rigid ones
+  /// always. `straight`: none but the rigid ones do. `unchecked`: nothing is in the way.
+  Motion(const Model& model, const Params& p, bool straight = false, bool unchecked = false);
 
   /// u(fraction), all unknowns.
   Eigen::VectorXd along(const Eigen::VectorXd& u, const Eigen::VectorXd& step, double fraction) const;
@@ -29,6 +30,7 @@ class Motion {
  private:
   const Model* model_;
   std::vector<const Body*> stiff_;
+  bool unchecked_;
 };
 
 }  // namespace taut

@@ -185,7 +185,8 @@ void scatter(const Path& path, int dimension, const Eigen::VectorXd& local, Eige
 
 class CableTerm final : public Term {
  public:
-  CableTerm(const Mesh& mesh, const Cable& cable) : dimension_(mesh.dimension()), path_(checked_path(mesh, cable)) {}
+  CableTerm(const Mesh& mesh, const Cable& cable)
+      : dimension_(mesh.dimension()), share_(cable.share), path_(checked_path(mesh, cable)) {}
 
   Cliques cliques() const override {
     Cliques list;
@@ -194,7 +195,7 @@ class CableTerm final : public Term {
   }
 
   void assemble(const Point& at, Assembly& out) const override {
-    const double k = path_.stiffness(at.p);
+    const double k = share_ * path_.stiffness(at.p);
     const TautPath::Spring unit = path_.spring(at);
     out.add_energy(k * unit.energy);
     if (unit.tension == 0) return;
@@ -215,11 +216,13 @@ class CableTerm final : public Term {
   bool depends_on(int index) const override { return path_.depends_on(index); }
 
   void add_parameter_gradient(const Point& at, int index, Eigen::VectorXd& out) const override {
-    if (depends_on(index)) scatter(path_, dimension_, path_.tension_derivative(at, index) * path_.gradient(at.u), out);
+    if (!depends_on(index)) return;
+    scatter(path_, dimension_, share_ * path_.tension_derivative(at, index) * path_.gradient(at.u), out);
   }
 
  private:
   int dimension_;
+  double share_;
   TautPath path_;
 };
 

@@ -32,7 +32,23 @@ struct Interaction {
   double weight;  ///< without kappa and thickness; negative where a vertex is taken back
 };
 
-/// What is asked of the barrier f of a distance: f', f'' and which Hessian.
+/// The energy of a pair as a function of its distance, without weights: the barrier, or the spring of a penalty.
+struct PairLaw {
+  Barrier barrier;
+  bool penalty;
+
+  double value(double d) const {
+    if (!penalty) return barrier.value(d);
+    return d < barrier.gap ? 0.5 * (barrier.gap - d) * (1 - d / barrier.gap) : 0;
+  }
+  double slope(double d) const { return !penalty ? barrier.slope(d) : d < barrier.gap ? d / barrier.gap - 1 : 0; }
+  double curvature(double d) const { return !penalty ? barrier.curvature(d) : d < barrier.gap ? 1 / barrier.gap : 0; }
+  double slope_by_gap(double d) const {
+    return !penalty ? barrier.slope_by_gap(d) : d < barrier.gap ? -d / (barrier.gap * barrier.gap) : 0;
+  }
+};
+
+/// What is asked of the law f of a distance: f', f'' and which Hessian.
 struct Derivatives {
   double first = 0, second = 0;
   bool wants_hessian = false;
@@ -136,12 +152,10 @@ struct Contact::Surface {
     for (const int* k = begin; k != end; ++k) least = softer(p, least, *k);
     return least;
   }
-  Barrier barrier(const Params& p) const {
-    return {p[settings.gap], settings.form == ContactForm::length_weighted ? 1 : 2};
-  }
-  double scale(const Params& p) const {
-    return settings.form == ContactForm::length_weighted && settings.thickness >= 0 ? p[settings.thickness] : 1.0;
-  }
+  bool penalty() const { return settings.form == ContactForm::penalty; }
+  bool weighted() const { return penalty() || settings.form == ContactForm::length_weighted; }
+  PairLaw law(const Params& p) const { return {{p[settings.gap], weighted() ? 1 : 2}, penalty()}; }
+  double scale(const Params& p) const { return weighted() && settings.thickness >= 0 ? p[settings.thickness] : 1.0; }
   std::vector<Interaction> interactions(const State& s, const Params& p) const;
   double distance(const State& s, const Interaction& i) const;
   void differentiate(const State& s, const Interaction& i, const Derivatives& f, Local& out) const;
@@ -285,12 +299,12 @@ std::vector<Contact::Surface::Near> Contact::Surface::pairs_within(const State& 
 std::vector<Interaction> Contact::Surface::interactions(const State& s, const Params& p) const {
   using Kind = Interaction::Kind;
   const double gap = p[settings.gap];
-  const bool weighted = settings.form == ContactForm::length_weighted;
+  const bool by_length = weighted();
   const std::vector<Near> pairs = pairs_within(s, gap);
   std::vector<Interaction> all;
   for (size_t begin = 0, end = 0; begin < pairs.size(); begin = end) {
     const int i = pairs[begin].vertex, own = stiffness_of(p, i);
-    const double weight = weighted ? 0.5 * length[static_cast<size_t>(i)] : 1.0;
+    const double weight = by_length ? 0.5 * length[static_cast<size_t>(i)] : 1.0;
     const size_t first_of_vertex = all.size();
     const auto add_vertex = [&](int v, int stiffness, double w) {
       // Edges that end in v and the vertex taken back are the same function: what remains is often nothing.
@@ -339,7 +353,7 @@ std::vector<Interaction> Contact::Surface::interactions(const State& s, const Pa
     for (int v = 0; v < body_vertices; ++v) {
       if (!(height(s, settings.grounds[static_cast<size_t>(g)], v) < gap)) continue;
       const int stiffness = softer(p, stiffness_of(p, v), settings.obstacle_stiffness);
-      all.push_back({Kind::ground, v, g, -1, stiffness, weighted ? length[static_cast<size_t>(v)] : 1.0});
+      all.push_back({Kind::ground, v, g, -1, stiffness, by_length ? length[static_cast<size_t>(v)] : 1.0});
     }
   }
   return all;
@@ -420,22 +434,23 @@ std::vector<std::array<int, 2>> contact_edges(const Mesh& mesh) {
 void Contact::assemble(const Point& at, Assembly& out) const {
   const Surface& surface = *surface_;
   const Surface::State s = surface.state(at.u);
-  const Barrier barrier = surface.barrier(at.p);
+  const PairLaw law = surface.law(at.p);
   const double scale = surface.scale(at.p);
   Local local;
   for (const Interaction& i : surface.interactions(s, at.p)) {
     const double factor = scale * at.p[i.stiffness] * i.weight;
     const double d = surface.distance(s, i);
-    if (!(d > 0)) {
+    if (!(d > 0) && !law.penalty) {
       out.add_energy(infinity);
       return;
     }
-    out.add_energy(factor * barrier.value(d));
-    Derivatives f{factor * barrier.slope(d), 0.0, out.wants_hessian(), out.curvature};
+    out.add_energy(factor * law.value(d));
+    if (d == 0 && i.kind != Interaction::Kind::ground) continue;  // a spring of no direction
+    Derivatives f{factor * law.slope(d), 0.0, out.wants_hessian(), out.curvature};
     // Displacements are rounded, and with them the distance.
     out.magnitude += std::abs(f.first) * s.u.col(i.vertex).cwiseAbs().maxCoeff();
     if (out.gradient == nullptr && !f.wants_hessian) continue;
-    if (f.wants_hessian) f.second = factor * barrier.curvature(d);
+    if (f.wants_hessian) f.second = factor * law.curvature(d);
     surface.differentiate(s, i, f, local);
     if (out.gradient != nullptr) {
       for (double& g : local.gradient) g *= f.first;
@@ -449,7 +464,7 @@ bool Contact::depends_on(int index) const {
   const ContactSettings& settings = surface_->settings;
   if (index < 0) return false;
   if (index == settings.gap || index == settings.obstacle_stiffness) return true;
-  if (index == settings.thickness) return settings.form == ContactForm::length_weighted;
+  if (index == settings.thickness) return surface_->weighted();
   return std::find(settings.stiffness.begin(), settings.stiffness.end(), index) != settings.stiffness.end();
 }
 
@@ -458,17 +473,17 @@ void Contact::add_parameter_gradient(const Point& at, int index, Eigen::VectorXd
   const Surface& surface = *surface_;
   const ContactSettings& settings = surface.settings;
   const Surface::State s = surface.state(at.u);
-  const Barrier barrier = surface.barrier(at.p);
+  const PairLaw law = surface.law(at.p);
   const double scale = surface.scale(at.p);
-  const bool is_thickness = index == settings.thickness && settings.form == ContactForm::length_weighted;
+  const bool is_thickness = index == settings.thickness && surface.weighted();
   Local local;
   for (const Interaction& i : surface.interactions(s, at.p)) {
     const double d = surface.distance(s, i), kappa = at.p[i.stiffness];
     double factor = 0;
-    if (index == settings.gap) factor += scale * kappa * barrier.slope_by_gap(d);
-    if (index == i.stiffness) factor += scale * barrier.slope(d);
-    if (is_thickness) factor += kappa * barrier.slope(d);
-    if (factor == 0) continue;
+    if (index == settings.gap) factor += scale * kappa * law.slope_by_gap(d);
+    if (index == i.stiffness) factor += scale * law.slope(d);
+    if (is_thickness) factor += kappa * law.slope(d);
+    if (factor == 0 || (d == 0 && i.kind != Interaction::Kind::ground)) continue;
     surface.differentiate(s, i, {}, local);
     for (int k = 0; k < 2 * local.count; ++k) {
       out[2 * Eigen::Index(local.nodes[static_cast<size_t>(k / 2)]) + k % 2] +=
@@ -478,6 +493,7 @@ void Contact::add_parameter_gradient(const Point& at, int index, Eigen::VectorXd
 }
 
 double Contact::step_limit(const Point& at, const Eigen::VectorXd& step) const {
+  if (surface_->penalty()) return 1;
   if (!step.allFinite() || !at.u.allFinite()) return 0;
   const Surface& surface = *surface_;
   const Surface::State s = surface.state(at.u), change = surface.state(step);

@@ -59,6 +59,7 @@ struct ContactPair {
 ///                         + t sum_i w_i sum_grounds kappa b1(d)
 ///     pair_sum          E = sum_i sum_e kappa b2(d(i,e)) + sum_i sum_grounds kappa b2(d)
 ///     pair_sum_dedup    the same - sum_i sum_v (m_v - 1) kappa b2(|x_i - x_v|)
+///     penalty           as length_weighted, with the spring (dhat - d)^2 / (2 dhat) below dhat in place of b1
 ///
 /// b1 and b2 are the Barrier with q = 1 and 2, d the distance of node i to the closed segment e, i no end of e; w_i is
 /// half of the rest length of the edges at node i and m_v the number of edges at vertex v that do not contain i. The
@@ -74,6 +75,10 @@ struct ContactPair {
 /// The energy is +inf for a node on an edge or behind a ground. That edges have crossed is not seen: `step_limit`
 /// prevents it and `intersects` proves it.
 ///
+/// The penalty is what many solvers use: its pressure kappa (1 - s) ends at kappa, its energy is finite everywhere and
+/// only C1 at dhat, and it limits no step. A node that has passed an edge is pushed on, out at the far side; behind a
+/// ground, where s < 0, it is pushed back. A node right on an edge feels no force, having no direction.
+///
 /// After Li et al. 2020 (Incremental Potential Contact) and, for weights and vertices, Li et al. 2023 (Convergent
 /// Incremental Potential Contact); pair_sum is Eq. 4 of the push-puppet paper, its section III-B.
 class Contact : public Term {
@@ -86,14 +91,14 @@ class Contact : public Term {
   /// Node pairs vary with the state: Hessian entries are couplings. Curvature::projected makes each pair's Hessian
   /// positive semi-definite.
   void assemble(const Point& at, Assembly& out) const override;
-  /// True for dhat, every kappa and, length-weighted, the thickness.
+  /// True for dhat, every kappa and, length-weighted or penalty, the thickness.
   bool depends_on(int index) const override;
   /// Where two kappas are equal, the derivative is that of the one with the lower index.
   void add_parameter_gradient(const Point& at, int index, Eigen::VectorXd& out) const override;
   /// At every time on the way the distance of a node and an edge stays above a tenth of the clearance at the start: the
   /// distance of the node, or of an end of the edge, to the nearest edge (or ground). The limit is below 1 only where
   /// some pair comes down to two tenths of its own distance. 0 for steps that are not finite and from states that
-  /// touch.
+  /// touch. Always 1 for the penalty.
   double step_limit(const Point& at, const Eigen::VectorXd& step) const override;
 
   /// Pairs closer than dhat, sorted by node and edge. `brute_force` looks at all pairs (for tests).

@@ -121,6 +121,14 @@ TEST_F(ExperimentFile, StartAndBoundsThatAreNotGivenComeFromTheModel) {
 
 // ---- loads, each against another way to say the same
 
+TEST_F(ExperimentFile, TheMeshsShareIsAskedForUnlessTheFileSaysNo) {
+  const auto asked = [&](const std::string& toml) {
+    return read_experiment(folder_.write("experiment.toml", toml)).mesh_share;
+  };
+  EXPECT_TRUE(asked(beam_toml));
+  EXPECT_FALSE(asked(beam_toml + "\n[fit]\nmesh_share = false\n"));
+}
+
 TEST_F(ExperimentFile, AHungMassIsItsWeight) {
   expect_equal(beam_toml, "trial,pull_N,tip_mm\na,0.0981,1\nb,0.04905,1\n", replaced(beam_toml, "pull_N", "mass_g"),
                "trial,mass_g,tip_mm\na,10,1\nb,5,1\n");

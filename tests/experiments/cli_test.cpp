@@ -110,7 +110,7 @@ TEST_F(Command, HelpHasExamplesAndExitCodes) {
   EXPECT_EQ(help.err, "");
   expect_holds(help.out,
                {"examples:", "taut fit experiments/silicone_block/experiment.toml", "commands:", "exit codes:", "130"});
-  for (const std::string command : {"check", "replay", "fit", "predict", "report"}) {
+  for (const std::string command : {"check", "replay", "fit", "predict", "chart", "report"}) {
     const Outcome own = taut({command, "--help"});
     EXPECT_EQ(own.code, 0) << command;
     EXPECT_EQ(own.err, "") << command;
@@ -132,8 +132,8 @@ TEST_F(Command, WrongUsageIsExitCodeTwoWithASentenceOnStderr) {
     expect_holds(outcome.err, parts);
     EXPECT_EQ(std::count(outcome.err.begin(), outcome.err.end(), '\n'), 1) << outcome.err;
   };
-  refuses({"fti", experiment_},
-          {"unknown command 'fti'", "did you mean 'fit'", "check, draw, replay, fit, simulate, ik, predict, report"});
+  refuses({"fti", experiment_}, {"unknown command 'fti'", "did you mean 'fit'",
+                                 "check, draw, replay, fit, simulate, ik, predict, chart, report"});
   refuses({"check"}, {"EXPERIMENT is missing", "usage: taut check"});
   refuses({"check", experiment_, "--jsn"}, {"--jsn"});
   refuses({"check", experiment_, "another.toml"}, {"taut --help"});
@@ -148,6 +148,13 @@ TEST_F(Command, WrongUsageIsExitCodeTwoWithASentenceOnStderr) {
   refuses({"replay", experiment_, "--set", "pull=2 N"}, {"pull", "bench"});
   refuses({"replay", experiment_, "--threads", "-1"}, {"threads"});
   refuses({"replay", experiment_, "--threads", "many"}, {"threads", "many"});
+  refuses({"chart", experiment_}, {"accuracy|stability FILE is missing"});
+  refuses({"chart", "accurracy", experiment_}, {"'accurracy' is no chart", "did you mean 'accuracy'", "stability"});
+  refuses({"chart", "accuracy", experiment_, "--budget", "-1"}, {"--budget", "seconds"});
+  refuses({"chart", "accuracy", TAUT_SOURCE_DIR "/experiments/foam_point/experiment.toml"},
+          {"material point has no mesh", "a specimen or a simulation"});
+  refuses({"chart", "accuracy", TAUT_SOURCE_DIR "/experiments/arm/experiment.toml"},
+          {"through equilibria", "experiment with a bench"});
   EXPECT_EQ(taut({}).code, 2);
 }
 
@@ -325,6 +332,36 @@ TEST_F(Command, AFitTellsPeopleItsResultOnStdout) {
   EXPECT_EQ(fit.code, 0) << fit.err;
   EXPECT_EQ(fit.err, "");
   expect_holds(fit.out, {"SIMULATED DATA", "E_foam = ", "95 % interval", "well determined", "chi squared"});
+  expect_holds(fit.out, {"(noise) +- ", " (mesh), ", "  the mesh makes it "});
+}
+
+TEST_F(Command, AnAccuracyChartGoesOnWhereTheLastOneEnded) {
+  const std::string charts = folder_ / "charts";
+  const Outcome first = taut({"chart", "accuracy", experiment_, "--budget", "0", "--out", charts});
+  EXPECT_EQ(first.code, 0) << first.err;
+  expect_holds(first.out, {"SIMULATED DATA", "quadratic, 10 x 4 cells", "nothing finer was run"});
+  expect_holds(first.err, {"settings are missing"});
+  const Outcome rest = taut({"chart", "accuracy", experiment_, "--out", charts, "--json", "--quiet"});
+  EXPECT_EQ(rest.code, 0) << rest.err;
+  EXPECT_EQ(rest.err, "");
+  const json result = json::parse(rest.out);
+  EXPECT_EQ(result.at("missing"), 0);
+  const json& settings = result.at("settings");
+  const auto error_of = [&](const std::string& name) -> double {
+    for (const json& setting : settings) {
+      if (setting.at("setting") == name) return setting.at("error");
+    }
+    return -1;
+  };
+  EXPECT_GT(error_of("linear, 10 x 4 cells"), 10 * error_of("quadratic, 10 x 4 cells"));
+  EXPECT_GT(error_of("quadratic, 10 x 4 cells"), result.at("uncertainty"));
+  EXPECT_GT(error_of("as a solid, 2 cells across half of it"), 0);
+  const std::string table = text_of(charts + "/accuracy.csv");
+  EXPECT_EQ(static_cast<size_t>(std::count(table.begin(), table.end(), '\n')), settings.size() + 1);
+  for (const std::string file : {"accuracy_cost.png", "accuracy_parameters.svg", "accuracy_cost.csv"})
+    EXPECT_TRUE(fs::exists(charts + "/figures/" + file)) << file;
+  taut({"chart", "accuracy", experiment_, "--out", charts});
+  EXPECT_EQ(text_of(charts + "/accuracy.csv"), table) << "nothing is run twice";
 }
 
 TEST_F(Command, AFitToPartsOfTheReadingsIsToldWithWhatItMeansAndATrendIsHandedToTheFigures) {

@@ -393,6 +393,17 @@ TEST_F(ReportTest, TheFirstSentenceIsTheAnswer) {
   EXPECT_TRUE(contains(html_of(weak), "95 % interval 12 Pa to open")) << "an end near zero keeps its own digits";
 }
 
+TEST_F(ReportTest, WhatTheMeshAddsStandsBesideTheStandardError) {
+  RunRecord record = test::hanging_block();
+  EXPECT_FALSE(contains(html_of(record), "mesh adds"));
+  record.shares = {{"mesh", {-412.5}, {190}, "one step with two meshes", 9.5}, {"contact gap", {NAN}, {NAN}, "", 1}};
+  const std::string html = html_of(record);
+  EXPECT_TRUE(contains(html, "mesh adds"));
+  EXPECT_TRUE(contains(html, "-0.41 ± 0.19 kPa"));
+  EXPECT_TRUE(contains(html, "What the mesh adds: one step with two meshes (9.5 s)."));
+  EXPECT_TRUE(contains(html, "contact gap adds"));
+}
+
 TEST_F(ReportTest, AMisfitIsExplained) {
   const std::string misfit = html_of(test::hanging_block());
   EXPECT_TRUE(contains(misfit, "does not fit within the declared noise"));

@@ -113,6 +113,26 @@ TEST_F(RunRecordTest, ProfilesAndDiagnosticsSurviveFailedOnesAsNull) {
   EXPECT_EQ(again.diagnostics[1].part, "retraction = 5.89 mm");
 }
 
+TEST_F(RunRecordTest, SharesOfMeshAndContactGapSurviveAndOlderFilesHaveNone) {
+  RunRecord record = test::hanging_block();
+  record.shares = {{"mesh", {-412.5}, {190}, "from three meshes", 9.5}, {"contact gap", {kNaN}, {kNaN}, "failed", 1}};
+  write_file(path("fit.json"), to_json(record));
+  const RunRecord again = read_run(folder_.string());
+  ASSERT_EQ(again.shares.size(), 2u);
+  EXPECT_EQ(again.shares[0].source, "mesh");
+  EXPECT_EQ(again.shares[0].bias, std::vector{-412.5});
+  EXPECT_EQ(again.shares[0].error, std::vector{190.0});
+  EXPECT_EQ(again.shares[0].how, "from three meshes");
+  EXPECT_EQ(again.shares[0].seconds, 9.5);
+  EXPECT_TRUE(std::isnan(again.shares[1].bias[0]));
+  write_edited([](auto& json) { json.erase("shares"); });
+  EXPECT_TRUE(read_run(folder_.string()).shares.empty());
+  write_edited([](auto& json) {
+    json["shares"] = {{{"source", "mesh"}, {"bias", {1, 2}}, {"error", {1}}, {"how", ""}, {"seconds", 1}}};
+  });
+  expect_input_error([&] { read_run(folder_.string()); }, {"shares[0].bias", "one number for each parameter"});
+}
+
 TEST_F(RunRecordTest, DoublesKeepEveryBit) {
   RunRecord record = test::hanging_block();
   record.fit.chi_squared = 0.1 + 0.2;

@@ -212,6 +212,30 @@ TEST(Cable, ChannelsHaveTheDerivativesOfTheirValues) {
   EXPECT_EQ(tension->parameter_derivative({t.u, t.p}, slack), 0.0);
 }
 
+TEST(Cable, AShareScalesEnergyAndAllItsDerivativesButNotTheTension) {
+  for (ElementShape shape : all_shapes) {
+    const TermUnderTest whole = cable_case(shape, 0.03, 2e-6);
+    Cable cable = cable_through(whole.model.mesh(), true, 2e-6);
+    const double tension = make_cable_tension(whole.model.mesh(), cable)->value({whole.u, whole.p});
+    cable.share = 0.5;
+    EXPECT_EQ(make_cable_tension(whole.model.mesh(), cable)->value({whole.u, whole.p}), tension);
+    const TermUnderTest half =
+        term_under_test(irregular_mesh(shape), cable_table(), make_cable(whole.model.mesh(), cable), whole.p, whole.u,
+                        whole.name + ", half");
+    expect_derivatives(half, 3e-4);
+    expect_parameter_derivatives(half, 0.05);
+    const auto expect_half = [](const auto& a, const auto& b) { EXPECT_LT((a - 0.5 * b).norm(), 1e-14 * b.norm()); };
+    EXPECT_NEAR(energy_of(half.model, half.u, half.p), 0.5 * energy_of(whole.model, whole.u, whole.p),
+                1e-14 * energy_of(whole.model, whole.u, whole.p));
+    expect_half(gradient_of(half.model, half.u, half.p), gradient_of(whole.model, whole.u, whole.p));
+    expect_half(hessian_of(half.model, half.u, half.p), hessian_of(whole.model, whole.u, whole.p));
+    for (int index : {stiffness, slack, retraction}) {
+      expect_half(half.model.parameter_gradient({half.u, half.p}, index),
+                  whole.model.parameter_gradient({whole.u, whole.p}, index));
+    }
+  }
+}
+
 TEST(Cable, WrongPathsAreRefused) {
   const Mesh mesh = irregular_mesh(ElementShape::tri3);
   const auto expect = [&](std::vector<CablePoint> points, double smoothing, const std::vector<std::string>& parts) {

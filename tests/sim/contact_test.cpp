@@ -16,7 +16,8 @@ using Polyline = std::vector<Vector>;
 constexpr double pi = std::numbers::pi;
 
 enum Index { soft, hard, gap, thickness, other };
-constexpr ContactForm all_forms[] = {ContactForm::length_weighted, ContactForm::pair_sum, ContactForm::pair_sum_dedup};
+constexpr ContactForm all_forms[] = {ContactForm::length_weighted, ContactForm::pair_sum, ContactForm::pair_sum_dedup,
+                                     ContactForm::penalty};
 
 ParameterTable contact_table() {
   ParameterTable table;
@@ -119,7 +120,8 @@ TEST(Contact, ParameterDerivativesAreThoseOfTheGradient) {
     EXPECT_GT(t.model.parameter_gradient({t.u, t.p}, soft).norm(), 0.0);
     EXPECT_GT(t.model.parameter_gradient({t.u, t.p}, hard).norm(), 0.0);
     EXPECT_GT(t.model.parameter_gradient({t.u, t.p}, gap).norm(), 0.0);
-    EXPECT_EQ(t.model.parameter_gradient({t.u, t.p}, thickness).norm() > 0, t.name[0] == '0');
+    const bool by_length = t.name[0] == '0' || t.name[0] == '3';  // length_weighted and penalty
+    EXPECT_EQ(t.model.parameter_gradient({t.u, t.p}, thickness).norm() > 0, by_length);
   });
 }
 
@@ -395,6 +397,39 @@ TEST(Contact, ANodeOnAnEdgeOrBehindAGroundHasInfiniteEnergy) {
   EXPECT_EQ(behind.energy, std::numeric_limits<double>::infinity());
   EXPECT_TRUE(contact.intersects(v));
   EXPECT_NEAR(contact.smallest_distance(v, 1), -1e-3, 1e-18);
+}
+
+TEST(Contact, APenaltyPressesWithKappaTimesTheDepthWithinTheGapAndPushesBackFromBehindAGround) {
+  const double dhat = 1e-3;
+  const Params p = values(50, 80, dhat, 0.03);
+  for (double s : {0.9, 0.6, 0.01, 0.0, -2.5}) {  // the last one is 2.5 mm behind the ground
+    const Boundary boundary({straight({1, s * dhat}, {0, s * dhat}, 20)});
+    ContactSettings settings = boundary.settings(ContactForm::penalty);
+    settings.grounds = {{{0, 0}, {0, 1}}};
+    const Contact contact(boundary.mesh, settings);
+    const Eigen::VectorXd u = boundary.rest();
+    Eigen::VectorXd gradient = boundary.rest();
+    Assembly out;
+    out.gradient = &gradient;
+    contact.assemble({u, p}, out);
+    double down = 0;
+    for (int node = 0; node <= 20; ++node) down += gradient[2 * node + 1];
+    EXPECT_NEAR(-down, 0.03 * 50 * (1 - s), 1e-12) << s;
+    EXPECT_NEAR(out.energy, 0.03 * 50 * 0.5 * dhat * (1 - s) * (1 - s), 1e-15) << s;
+    EXPECT_EQ(contact.step_limit({u, p}, Eigen::VectorXd::Constant(u.size(), -1.0)), 1.0) << "nothing stops a step";
+  }
+}
+
+TEST(Contact, APenaltyHasAFiniteEnergyAndNoForceForANodeRightOnAnEdge) {
+  const Boundary boundary({straight({0, 0}, {1, 0}, 1), straight({0.5, 0}, {0.5, 1}, 1)});
+  const Params p = values(1, 1, 0.1, 1);
+  const Eigen::VectorXd u = boundary.rest();
+  Eigen::VectorXd gradient = boundary.rest();
+  Assembly out;
+  out.gradient = &gradient;
+  Contact(boundary.mesh, boundary.settings(ContactForm::penalty)).assemble({u, p}, out);
+  EXPECT_NEAR(out.energy, 0.5 * 0.5 * 0.05, 1e-15) << "half of the length of one edge, half of the other side";
+  EXPECT_EQ(gradient.norm(), 0.0);
 }
 
 // Search --------------------------------------------------------------------------------------------------------------

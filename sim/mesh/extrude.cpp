@@ -1,0 +1,142 @@
+#include "sim/mesh/extrude.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+
+#include "sim/core/error.hpp"
+#include "sim/mesh/topology.hpp"
+
+namespace taut {
+namespace {
+
+/// Numbers nodes part by part, in the order that they have within each: mid-nodes of all parts came last.
+void gather_parts(Mesh& mesh) {
+  const int d = mesh.dimension();
+  std::vector<int> part(static_cast<size_t>(mesh.node_count()), 0);
+  for (size_t k = 0; k < mesh.parts.size(); ++k) {
+    const int *first = mesh.element(mesh.parts[k].first_element),
+              *last = first + mesh.parts[k].element_count * mesh.nodes_per_element();
+    for (const int* node = first; node != last; ++node) part[static_cast<size_t>(*node)] = static_cast<int>(k);
+  }
+  std::vector<int> order(part.size()), place(part.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(),
+                   [&](int a, int b) { return part[static_cast<size_t>(a)] < part[static_cast<size_t>(b)]; });
+  const Eigen::VectorXd X = mesh.X;
+  for (int i = 0; i < mesh.node_count(); ++i) {
+    place[static_cast<size_t>(order[static_cast<size_t>(i)])] = i;
+    mesh.X.segment(i * d, d) = X.segment(order[static_cast<size_t>(i)] * d, d);
+  }
+  for (int& node : mesh.elements) node = place[static_cast<size_t>(node)];
+  for (auto& [name, tag] : mesh.tags) {
+    for (int& node : tag.entities) node = place[static_cast<size_t>(node)];
+  }
+  int first = 0;
+  for (size_t k = 0; k < mesh.parts.size(); ++k) {
+    mesh.parts[k].first_node = first;
+    mesh.parts[k].node_count = static_cast<int>(std::count(part.begin(), part.end(), static_cast<int>(k)));
+    first += mesh.parts[k].node_count;
+  }
+}
+
+}  // namespace
+
+Mesh extrude(const Mesh& plane, double depth, int layers) {
+  if (plane.dimension() != 2) throw InputError("a solid is swept from a plane mesh, and this one is solid already");
+  if (!(depth > 0) || !std::isfinite(depth) || layers < 1) {
+    throw InputError(
+        fmt::format("a solid {:.6g} mm deep in {} layers cannot be; make both positive", 1e3 * depth, layers));
+  }
+  for (const char* name : {"symmetry", "side"}) {
+    if (plane.tags.count(name) > 0)
+      throw InputError(
+          fmt::format("the tag '{}' is the name of a face that a solid gets; rename the plane mesh's own", name));
+  }
+  // Vertices in the plane mesh's order; above each, a column of nodes in a row.
+  std::vector<int> vertex(static_cast<size_t>(plane.node_count()), -1);
+  for (int e = 0; e < plane.element_count(); ++e) {
+    for (int a = 0; a < 3; ++a) vertex[static_cast<size_t>(plane.element(e)[a])] = 0;
+  }
+  int vertices = 0;
+  for (int& number : vertex) {
+    if (number == 0) number = vertices++;
+  }
+  const int height = layers + 1;
+  const auto node = [&](int plane_node, int level) { return vertex[static_cast<size_t>(plane_node)] * height + level; };
+  Mesh mesh;
+  mesh.shape = ElementShape::tet4;
+  mesh.region_names = plane.region_names;
+  mesh.X.resize(3 * static_cast<Eigen::Index>(vertices) * height);
+  for (int i = 0; i < plane.node_count(); ++i) {
+    if (vertex[static_cast<size_t>(i)] < 0) continue;
+    for (int level = 0; level < height; ++level) {
+      mesh.X.segment<3>(3 * node(i, level)) << plane.X[2 * i], plane.X[2 * i + 1],
+          level == layers ? depth : depth * level / layers;
+    }
+  }
+
+  Tag symmetry{2, 3, {}}, side{2, 3, {}};
+  for (int e = 0; e < plane.element_count(); ++e) {
+    std::array<int, 3> corners{plane.element(e)[0], plane.element(e)[1], plane.element(e)[2]};
+    std::sort(corners.begin(), corners.end());
+    for (int layer = 0; layer < layers; ++layer) {
+      // From the lowest number's vertex at one end of the prism to the highest one's at the other, up one edge a time.
+      const int from = layer + layer % 2, to = layer + 1 - layer % 2;
+      for (int risen = 0; risen < 3; ++risen) {
+        std::array<int, 4> tetrahedron{};
+        for (int a = 0; a <= 2 - risen; ++a)
+          tetrahedron[static_cast<size_t>(a)] = node(corners[static_cast<size_t>(a)], from);
+        for (int a = 2 - risen; a < 3; ++a)
+          tetrahedron[static_cast<size_t>(a + 1)] = node(corners[static_cast<size_t>(a)], to);
+        mesh.elements.insert(mesh.elements.end(), tetrahedron.begin(), tetrahedron.end());
+        mesh.region.push_back(plane.region[static_cast<size_t>(e)]);
+        const int last = mesh.element_count() - 1;
+        if (vertex_determinant(mesh, last) < 0) flip_element(mesh.shape, &mesh.elements[static_cast<size_t>(4 * last)]);
+      }
+    }
+    for (int corner : corners) {
+      symmetry.entities.push_back(node(corner, 0));
+      side.entities.push_back(node(corner, layers));
+    }
+  }
+  for (const auto& [name, tag] : plane.tags) {
+    Tag& swept = mesh.tags[name] = {tag.dimension + 1, tag.dimension + 2, {}};
+    for (int i = 0; i < tag.count(); ++i) {
+      const int* ends = &tag.entities[static_cast<size_t>(i * tag.nodes_per_entity)];
+      if (vertex[static_cast<size_t>(ends[0])] < 0) {
+        throw InputError(
+            fmt::format("the point at {} of tag '{}' is no corner of an element, so that no edge goes "
+                        "through the solid there; tag a corner",
+                        in_millimetres(plane.node(ends[0])), name));
+      }
+      for (int layer = 0; layer < layers; ++layer) {
+        if (tag.dimension == 0) {
+          swept.entities.insert(swept.entities.end(), {node(ends[0], layer), node(ends[0], layer + 1)});
+          continue;
+        }
+        const int low = std::min(ends[0], ends[1]), high = std::max(ends[0], ends[1]);
+        const int from = layer + layer % 2, to = layer + 1 - layer % 2;
+        swept.entities.insert(swept.entities.end(), {node(low, from), node(high, from), node(high, to), node(low, from),
+                                                     node(high, to), node(low, to)});
+      }
+    }
+  }
+  mesh.tags["symmetry"] = std::move(symmetry);
+  mesh.tags["side"] = std::move(side);
+  for (Part part : plane.parts) {
+    part.first_element *= 3 * layers;
+    part.element_count *= 3 * layers;
+    mesh.parts.push_back(part);
+  }
+  orient_tags(mesh, "solid");
+  if (order_of(plane.shape) == 2) mesh = to_quadratic(mesh);
+  if (!mesh.parts.empty()) gather_parts(mesh);
+  mesh.check("solid");
+  return mesh;
+}
+
+}  // namespace taut

@@ -1,0 +1,223 @@
+#include "calib/accuracy.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <thread>
+
+#include "calib/csv_table.hpp"
+#include "sim/core/error.hpp"
+#include "tests/support/experiment_files.hpp"
+#include "tests/support/message.hpp"
+#include "tests/support/small_robot.hpp"
+
+namespace taut {
+namespace {
+
+using namespace test;
+
+/// Settings whose results and costs are made up: value 1 + h^2 at size h, and a number of factorisations of 1/h.
+AccuracyStudy made_up(std::vector<double> sizes, int* runs = nullptr) {
+  AccuracyStudy study;
+  study.title = "made up";
+  study.highest_order = {{"mesh", 2}};
+  for (double h : sizes) {
+    AccuracySetting setting;
+    setting.axis = "size";
+    setting.name = "size, \"quoted\", " + std::to_string(h);
+    setting.in_use = h == sizes.front();
+    setting.cost = 1 / h;
+    setting.sequences["mesh"] = h;
+    setting.run = [h, runs](const std::atomic<bool>&) {
+      if (runs != nullptr) ++*runs;
+      AccuracyRun run;
+      run.unknowns = static_cast<int>(1 / h);
+      run.seconds = 1e-3 / h;
+      run.factorisations = static_cast<int>(1 / h);
+      run.values = Eigen::Vector2d(1 + h * h, -3 - 2 * h * h);
+      return run;
+    };
+    study.settings.push_back(setting);
+  }
+  return study;
+}
+
+TEST(Accuracy, TheFrontHoldsWhatNothingBeatsInBothCostAndError) {
+  const std::vector<std::pair<double, double>> points{{1, 9}, {2, 10}, {3, 4}, {2.5, 4.5}, {3, 5}, {9, 3.99}, {8, 1}};
+  EXPECT_EQ(pareto_front(points), (std::vector<size_t>{0, 3, 2, 6}))
+      << "2 and 3 are dearer and worse than others; a four-hundredth is no gain";
+  EXPECT_TRUE(pareto_front({}).empty());
+  EXPECT_EQ(pareto_front({{1, 1}, {1, 1}}), (std::vector<size_t>{0}));
+}
+
+TEST(Accuracy, ErrorsAreThoseToTheLimitOfTheFinestSettings) {
+  const AccuracyStudy study = made_up({0.4, 0.2, 0.1});
+  const TemporaryFolder folder;
+  const AccuracyChart chart = judge(study, run_settings(study, {10, folder / "a.csv", "f", nullptr, {}}));
+  ASSERT_EQ(chart.points.size(), 3u);
+  const double tall[2] = {0.16 / 1, 0.32 / 3};  // errors of the values 1 and 3
+  const double scaled[2] = {1.16, 3.32};        // relative to the setting in use
+  EXPECT_NEAR(chart.points[0].largest, tall[0] / scaled[0], 1e-9);
+  EXPECT_NEAR(chart.points[0].error, std::sqrt((std::pow(0.16 / 1.16, 2) + std::pow(0.32 / 3.32, 2)) / 2), 1e-9);
+  EXPECT_NEAR(chart.points[2].error / chart.points[0].error, 1.0 / 16, 1e-6) << "order 2, seen and used";
+  EXPECT_NEAR(chart.uncertainty, 1.25 * chart.points[2].error, 1e-9);
+  EXPECT_EQ(chart.points[0].from_setting_in_use, 0);
+}
+
+TEST(Accuracy, TheReferenceOfABeamHoldsTheTrueStiffnessWithinItsUncertainty) {
+  // A bar that is pulled: u = F L / (E A) to first order, no matter which elements; and Poisson's ratio 0.
+  const TemporaryFolder folder;
+  folder.write("bench.csv", "pull_N,tip_mm\n0.001,1\n");
+  std::string text = replaced(beam_toml, "trial = \"trial\"", "");
+  text = replaced(replaced(text, "nu = 0.3", "nu = 0.0"), "id = \"pull\"\non = \"xmax\"\ndirection = [0, -1]",
+                  "id = \"pull\"\non = \"xmax\"\ndirection = [1, 0]");
+  text = replaced(text, "id = \"tip\"\non = \"xmax\"\ndirection = [0, -1]",
+                  "id = \"tip\"\non = \"xmax\"\ndirection = [1, 0]");
+  const AccuracyStudy bar = accuracy_study(read_experiment(folder.write("bar.toml", text)));
+  const auto runs = run_settings(bar, {1e3, folder / "bar.csv", "f", nullptr, {}});
+  const double exact = 0.001 * 0.060 / (100e3 * 0.012 * 0.020);
+  for (const auto& run : runs) {
+    ASSERT_TRUE(run && run->failure.empty()) << (run ? run->failure : "missing");
+    EXPECT_NEAR(run->values[0] / exact, 1, 1e-4) << "strain 4e-5";
+  }
+
+  // A slender cantilever, plane stress, nu = 0: Timoshenko's deflection, whose clamp is no stiffer than the solid's.
+  const double L = 0.12, H = 0.006, t = 0.02, E = 100e3, F = 1e-5;
+  folder.write("bench.csv", "pull_N,tip_mm\n0.00001,1\n");
+  text = replaced(replaced(beam_toml, "[\"60 mm\", \"12 mm\"]", "[\"120 mm\", \"6 mm\"]"), "cells = [10, 4]",
+                  "cells = [20, 2]");
+  text =
+      replaced(replaced(replaced(text, "trial = \"trial\"", ""), "nu = 0.3", "nu = 0.0"), "\"strain\"", "\"stress\"");
+  const AccuracyStudy beam = accuracy_study(read_experiment(folder.write("beam.toml", text)));
+  const auto bent = run_settings(beam, {1e3, folder / "beam.csv", "f", nullptr, {}});
+  const AccuracyChart chart = judge(beam, bent);
+  const double timoshenko = F * L * L * L / (3 * E * t * H * H * H / 12) + F * L / (5.0 / 6 * E / 2 * t * H);
+  double own = 0, error = 0;
+  for (const AccuracyPoint& point : chart.points) {
+    if (!beam.settings[point.setting].in_use) continue;
+    own = bent[point.setting]->values[0];
+    error = point.error;
+  }
+  const double reference = own * (1 + error);  // elements are too stiff, so the limit is above
+  EXPECT_GT(error, 1e-5);
+  EXPECT_LT(chart.uncertainty, 1e-3);
+  EXPECT_NEAR(reference / timoshenko, 1, chart.uncertainty + 5e-4) << "the clamped end is not Timoshenko's";
+}
+
+TEST(Accuracy, GoingOnRepeatsNothingThatIsFinished) {
+  int count = 0;
+  const AccuracyStudy study = made_up({0.4, 0.2, 0.1, 0.05}, &count);
+  const TemporaryFolder folder;
+  const AccuracyOptions tight{0, folder / "a.csv", "file 1", nullptr, {}};
+  const auto first = run_settings(study, tight);
+  EXPECT_EQ(count, 1) << "one at least, and the one in use";
+  EXPECT_TRUE(first[0].has_value());
+  EXPECT_FALSE(first[1].has_value());
+  const auto second = run_settings(study, tight);
+  EXPECT_EQ(count, 2) << "the next one";
+  EXPECT_TRUE(second[0]->values.isApprox(first[0]->values, 1e-11));
+  EXPECT_EQ(second[0]->factorisations, 2);
+  AccuracyOptions rich = tight;
+  rich.budget = 1000;
+  run_settings(study, rich);
+  EXPECT_EQ(count, 4);
+  run_settings(study, rich);
+  EXPECT_EQ(count, 4) << "all are there";
+  rich.fingerprint = "file 2";
+  run_settings(study, rich);
+  EXPECT_EQ(count, 8) << "another experiment, other results";
+}
+
+TEST(Accuracy, AStopEndsTheSearchAndKeepsWhatWasFinished) {
+  int count = 0;
+  AccuracyStudy study = made_up({0.4, 0.2, 0.1}, &count);
+  std::atomic<bool> stop{false};
+  const auto run = study.settings[1].run;
+  study.settings[1].run = [&](const std::atomic<bool>& flag) {
+    AccuracyRun result = run(flag);
+    stop = true;
+    return result;
+  };
+  const TemporaryFolder folder;
+  const auto runs = run_settings(study, {100, folder / "a.csv", "f", &stop, {}});
+  EXPECT_EQ(count, 2);
+  EXPECT_TRUE(runs[1].has_value());
+  EXPECT_FALSE(runs[2].has_value());
+  EXPECT_EQ(read_csv(folder / "a.csv").rows.size(), 2u);
+}
+
+TEST(Accuracy, AFailedSettingIsKeptWithItsReason) {
+  AccuracyStudy study = made_up({0.4, 0.2, 0.1});
+  study.settings[1].run = [](const std::atomic<bool>&) -> AccuracyRun {
+    throw InputError("the mesh, \"so to say\", is not possible");
+  };
+  study.settings[2].may_hang = true;
+  study.settings[2].run = [](const std::atomic<bool>& flag) {
+    while (!flag) std::this_thread::yield();
+    AccuracyRun run;
+    run.failure = "interrupted at t = 3 ms";
+    return run;
+  };
+  const TemporaryFolder folder;
+  for (int again = 0; again < 2; ++again) {
+    const auto runs = run_settings(study, {3, folder / "a.csv", "f", nullptr, {}});
+    ASSERT_TRUE(runs[1] && runs[2]) << "not tried again either";
+    EXPECT_EQ(runs[1]->failure, "the mesh, \"so to say\", is not possible");
+    EXPECT_EQ(runs[2]->failure, "given up after 0 s: interrupted at t = 3 ms");
+    const AccuracyChart chart = judge(study, runs);
+    ASSERT_EQ(chart.points.size(), 1u);
+    EXPECT_TRUE(std::isnan(chart.uncertainty));
+    EXPECT_NE(chart.reference.find("nothing finer was run"), std::string::npos);
+  }
+}
+
+TEST(Accuracy, AnExperimentThatFailsAsItStandsCannotBeJudged) {
+  AccuracyStudy study = made_up({0.4, 0.2});
+  study.settings[0].run = [](const std::atomic<bool>&) {
+    AccuracyRun run;
+    run.failure = "no equilibrium";
+    return run;
+  };
+  const TemporaryFolder folder;
+  const auto runs = run_settings(study, {10, folder / "a.csv", "f", nullptr, {}});
+  expect_input_error([&] { judge(study, runs); }, {"made up", "nothing to compare", "taut replay"});
+}
+
+TEST(Accuracy, ParametersAreOffByWhatAFitWouldMakeOfTheError) {
+  // One reading y = 1 / k: values 10 % too small look like a stiffness 10 % too small.
+  AccuracyStudy study = made_up({0.4, 0.2});
+  study.highest_order.clear();
+  study.table.declare({"k", "k", "N/m", 1e-3, 1e3, "", true});
+  study.nominal = Eigen::VectorXd::Constant(1, 0.5);
+  study.free = {{0, 0.5, 1e-3, 1e3}};
+  study.sigma = {0.02};
+  for (size_t i : {0, 1}) {
+    study.settings[i].run = [i](const std::atomic<bool>&) {
+      const double y = i == 0 ? 2 : 1.8;
+      AccuracyRun run;
+      run.values = Eigen::VectorXd::Constant(1, y);
+      run.derivatives = Eigen::MatrixXd::Constant(1, 1, -y / 0.5);
+      return run;
+    };
+  }
+  const TemporaryFolder folder;
+  const AccuracyChart chart = judge(study, run_settings(study, {10, folder / "a.csv", "f", nullptr, {}}));
+  EXPECT_NEAR(chart.points[0].parameters[0], 0, 1e-12);
+  EXPECT_NEAR(chart.points[1].parameters[0], -0.1, 1e-9);
+  EXPECT_NEAR(chart.points[1].error, 0.1, 1e-12);
+  EXPECT_NEAR(chart.parameter_noise[0], 0.01, 1e-12) << "sigma / y";
+}
+
+TEST(Accuracy, SimulationsWithoutInertiaOrWithoutChannelsToCompareAreRefused) {
+  const TemporaryFolder folder;
+  const std::string path = folder.write("robot.toml", robot_toml);
+  Simulation simulation = read_simulation(path);
+  Simulation still = simulation;
+  still.method = SimulationMethod::quasi_static;
+  expect_input_error([&] { accuracy_study(still); }, {path, "no integrator to compare"});
+  simulation.channels.clear();
+  expect_input_error([&] { accuracy_study(simulation); }, {path, "no channel to compare", "position"});
+}
+
+}  // namespace
+}  // namespace taut
