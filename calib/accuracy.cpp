@@ -370,6 +370,7 @@ AccuracyStudy study_of_recordings(const Experiment& experiment) {
       const size_t i = add(element.name, mesh.describe(), experiment, mesh, ladder ? "mesh" : "", 0);
       if (factor != 1 || element.order != own.order || element.formulation != own.formulation) continue;
       study.settings[i].in_use = true;
+      study.settings[i].integrator = experiment.dynamics.integrator == Integrator::bdf2 ? "BDF2" : "implicit Euler";
       if (experiment.dynamics.integrator == Integrator::bdf2)
         study.settings[i].sequences["step"] = experiment.dynamics.step;
     }
@@ -381,8 +382,9 @@ AccuracyStudy study_of_recordings(const Experiment& experiment) {
       Experiment e = experiment;
       e.dynamics.integrator = integrator;
       e.dynamics.step = factor * experiment.dynamics.step;
-      add(name, fmt::format("{}, steps of {}", name, with_unit(e.dynamics.step, "s", 3)), e, own,
-          integrator == Integrator::bdf2 ? "step" : "", e.dynamics.step);
+      const size_t i = add(name, fmt::format("{}, steps of {}", name, with_unit(e.dynamics.step, "s", 3)), e, own,
+                           integrator == Integrator::bdf2 ? "step" : "", e.dynamics.step);
+      study.settings[i].integrator = name;
     }
   }
   return study;
@@ -552,6 +554,10 @@ AccuracyStudy accuracy_study(const Simulation& simulation) {
         continue;
       }
       one.in_use = factor == 1 && element.order == own_order && element.formulation == own_formulation;
+      if (one.in_use) {
+        one.integrator = name_of(simulation.method);
+        one.name += fmt::format(", {}, steps of {}", one.integrator, with_unit(simulation.step, "s", 3));
+      }
       if (one.in_use && simulation.contact) one.sequences["contact gap"] = simulation.contact_gap;
       if (one.in_use && simulation.method == SimulationMethod::bdf2) one.sequences["step"] = simulation.step;
       add_setting(study, one);
@@ -567,6 +573,7 @@ AccuracyStudy accuracy_study(const Simulation& simulation) {
       AccuracySetting one =
           setting(name_of(method), fmt::format("{}, steps of {}", name_of(method), with_unit(s.step, "s", 3)), s);
       if (method == SimulationMethod::bdf2) one.sequences["step"] = s.step;
+      one.integrator = name_of(method);
       add_setting(study, one);
     }
   }
@@ -579,6 +586,7 @@ AccuracyStudy accuracy_study(const Simulation& simulation) {
       AccuracySetting one =
           setting(name_of(method), fmt::format("{}, tolerance {:.0e}", name_of(method), tolerance), s);
       one.may_hang = true;
+      one.integrator = name_of(method);
       add_setting(study, one);
     }
   }
@@ -647,6 +655,8 @@ std::vector<std::optional<AccuracyRun>> run_settings(const AccuracyStudy& study,
       if (!run.failure.empty() && deadline.flag()) {
         if (!deadline.late()) break;      // interrupted
         if (!setting.may_hang) continue;  // the budget is used up
+        const std::string_view why = ": interrupted";
+        if (run.failure.ends_with(why)) run.failure.erase(run.failure.size() - why.size());
         run.failure = fmt::format("given up after {:.0f} s: {}", patience, run.failure);
       }
     }
@@ -688,6 +698,7 @@ AccuracyChart judge(const AccuracyStudy& study, const std::vector<std::optional<
                     "with; run `taut replay` or `taut simulate` on it",
                     study.title));
   const Eigen::VectorXd in_use = runs[own]->values, scales = scales_of(study, in_use);
+  Eigen::VectorXd step_limit;  // on the file's mesh; empty: not known
   Eigen::VectorXd reference = in_use, squares = Eigen::VectorXd::Zero(in_use.size());
   AccuracyChart chart;
   for (const auto& [sequence, highest] : study.highest_order) {
@@ -710,10 +721,15 @@ AccuracyChart judge(const AccuracyStudy& study, const std::vector<std::optional<
     squares +=
         (levels.size() > 1 ? limit.error : Eigen::VectorXd(limit.limit - in_use.cwiseQuotient(scales))).cwiseAbs2();
     const std::string& finest = study.settings[levels.back()].name;
-    chart.reference +=
-        (chart.reference.empty() ? "" : "; ") +
-        (limit.measured ? fmt::format("{} extrapolated from {} with order {:.2g}", sequence, finest, limit.order)
-                        : fmt::format("{} from {}", sequence, finest));
+    const std::string how =
+        limit.measured ? fmt::format("{} extrapolated from {} with order {:.2g}", sequence, finest, limit.order)
+                       : fmt::format("{} from {}", sequence, finest);
+    chart.reference += (chart.reference.empty() ? "" : "; ") + how;
+    if (sequence == "step" && levels.size() > 1) {
+      step_limit = limit.limit.cwiseProduct(scales);
+      chart.step_uncertainty = root_mean_square(limit.error);
+      chart.step_reference = how;
+    }
   }
   if (chart.reference.empty()) {
     chart.reference = "the setting in use itself: nothing finer was run";
@@ -733,6 +749,8 @@ AccuracyChart judge(const AccuracyStudy& study, const std::vector<std::optional<
     const Eigen::VectorXd error = (run.values - reference).cwiseQuotient(scales);
     point.error = root_mean_square(error);
     point.largest = error.cwiseAbs().maxCoeff();
+    if (!study.settings[i].integrator.empty() && step_limit.size() > 0)
+      point.step_error = root_mean_square((run.values - step_limit).cwiseQuotient(scales));
     point.from_setting_in_use = root_mean_square((run.values - in_use).cwiseQuotient(scales));
     point.parameters = parameter_errors(study, run.values, run.derivatives, reference);
     chart.points.push_back(point);

@@ -2,6 +2,7 @@
 #include <Eigen/Core>
 #include <atomic>
 #include <functional>
+#include <limits>
 #include <map>
 #include <optional>
 #include <string>
@@ -25,11 +26,12 @@ struct AccuracyRun {
 
 /// One way to compute an experiment's result.
 struct AccuracySetting {
-  std::string axis;       ///< what is varied, for the legend: "linear elements", "step tolerance"
-  std::string name;       ///< unique: "linear, 14 x 5 x 5 cells"
-  bool in_use = false;    ///< as the file has it
-  double cost = 0;        ///< a guess, to a factor: what is cheap is run first
-  bool may_hang = false;  ///< is given up after a tenth of the budget
+  std::string axis;        ///< what is varied, for the legend: "linear elements", "step tolerance"
+  std::string name;        ///< unique: "linear, 14 x 5 x 5 cells"
+  bool in_use = false;     ///< as the file has it
+  double cost = 0;         ///< a guess, to a factor: what is cheap is run first
+  std::string integrator;  ///< over time: of settings that differ from the one in use in how they step alone; else ""
+  bool may_hang = false;   ///< is given up after a tenth of the budget
   /// Sequences that tend to the answer, with the size that goes to zero: "mesh", "contact gap", "step".
   std::map<std::string, double> sequences;
   std::function<AccuracyRun(const std::atomic<bool>& stop)> run;
@@ -80,7 +82,9 @@ struct AccuracyPoint {
   double error = 0, largest = 0;   ///< root mean square, largest one
   double from_setting_in_use = 0;  ///< root mean square difference to it
   std::vector<double>
-      parameters;         ///< error of each free parameter that a fit would have; of its range if not logarithmic
+      parameters;  ///< error of each free parameter that a fit would have; of its range if not logarithmic
+  /// Of settings with an `integrator`: root mean square, to the limit of small steps on the file's own mesh.
+  double step_error = std::numeric_limits<double>::quiet_NaN();
   bool on_front = false;  ///< no setting is both faster and more accurate
 };
 
@@ -92,6 +96,8 @@ struct AccuracyChart {
   std::vector<double> parameter_uncertainty;  ///< per free parameter, relative as AccuracyPoint::parameters
   std::vector<double> parameter_noise;        ///< standard error from the readings' noise, the same way
   std::string reference;                      ///< one sentence: how it was made
+  double step_uncertainty = std::numeric_limits<double>::quiet_NaN();  ///< of the limit of small steps
+  std::string step_reference;                                          ///< "": there is none
 };
 
 /// Throws InputError when the setting in use has no result.

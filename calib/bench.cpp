@@ -303,7 +303,7 @@ BenchModel make_model(const Experiment& experiment, const MeshSettings& settings
   }
   if (!experiment.cables.cables.empty())
     at(experiment, "[cables]", [&] { add_cables(experiment, half ? 0.5 : 1.0, builder, control_index, result); });
-  if (experiment.contact.on)
+  if (experiment.contact.on && !experiment.contact.idle)
     at(experiment, "[contact]", [&] { result.contact = add_contact(experiment, settings, trials, builder); });
   for (const ChannelSettings& channel : experiment.channels) {
     result.channels.push_back({channel.id, at(experiment, fmt::format("[[channel]] '{}'", channel.id),

@@ -21,6 +21,7 @@ constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 /// Quadratic elements would converge with order 4 where all is smooth. Beside a clamped corner it is 1.4 to 1.7, and a
 /// higher one that coarse meshes show is not to be trusted.
 constexpr double highest_order = 2;
+constexpr double lowest_order = 0.5;  ///< slower than beside any corner: no convergence to speak of
 
 class Stopwatch {
  public:
@@ -119,7 +120,7 @@ void set_unknown(const FitResult& fit, const std::string& why, DiscretisationSha
 }
 
 DiscretisationShare mesh_share(const Experiment& experiment, const Trials& trials, const FitResult& fit,
-                               const std::function<void(const std::string&)>& progress) {
+                               const Shift& own, const std::function<void(const std::string&)>& progress) {
   const Stopwatch watch;
   DiscretisationShare share;
   share.source = "mesh";
@@ -141,7 +142,7 @@ DiscretisationShare mesh_share(const Experiment& experiment, const Trials& trial
       share.seconds = watch.seconds();
       return share;
     }
-    steps.col(k) = shift.step.cwiseQuotient(sd);
+    steps.col(k) = (shift.step - own.step).cwiseQuotient(sd);
   }
   if (levels.size() < 2 && (levels.empty() || levels.front().own)) {
     set_unknown(fit, "the mesh can be neither refined nor coarsened", share);
@@ -164,7 +165,7 @@ DiscretisationShare mesh_share(const Experiment& experiment, const Trials& trial
 }
 
 DiscretisationShare gap_share(const Experiment& experiment, const Trials& trials, const FitResult& fit,
-                              const std::function<void(const std::string&)>& progress) {
+                              const Shift& own, const std::function<void(const std::string&)>& progress) {
   const Stopwatch watch;
   DiscretisationShare share;
   share.source = "contact gap";
@@ -173,7 +174,8 @@ DiscretisationShare gap_share(const Experiment& experiment, const Trials& trials
   half.contact_gap = 0.5 * contact_gap(experiment.mesh, make_mesh(experiment, experiment.mesh).diagonal());
   const Shift shift = shift_with(experiment, half, trials, fit);
   if (shift.failure.empty()) {
-    set_bias(fit, 2 * shift.step, shift.step.cwiseAbs(), share);
+    const Eigen::VectorXd step = shift.step - own.step;
+    set_bias(fit, 2 * step, step.cwiseAbs(), share);
     share.how = fmt::format("one Gauss-Newton step at the optimum with half the gap, {}; extrapolated linearly to none",
                             with_unit(half.contact_gap, "m"));
   } else {
@@ -230,8 +232,8 @@ Extrapolation extrapolate(const std::vector<double>& h, const Eigen::MatrixXd& v
       return (a - b) / (b - std::pow(h[static_cast<size_t>(n - 1)], p));
     };
     const double cosine = before.dot(last) / std::max(before.norm() * last.norm(), 1e-300);
-    result.measured = squares == 0 || (cosine > 0.5 && ratio > 1);
-    double low = 0.5, high = highest_order;
+    result.measured = squares == 0 || (cosine > 0.5 && ratio > ratio_of(lowest_order));
+    double low = lowest_order, high = highest_order;
     for (int i = 0; i < 60; ++i) {
       const double middle = 0.5 * (low + high);
       (ratio_of(middle) < ratio ? low : high) = middle;
@@ -323,8 +325,12 @@ std::vector<DiscretisationShare> discretisation_shares(const Experiment& experim
                                                        const std::function<void(const std::string&)>& progress) {
   std::vector<DiscretisationShare> shares;
   if (fit.covariance.size() == 0) return shares;
-  shares.push_back(mesh_share(experiment, trials, fit, progress));
-  if (experiment.contact.on) shares.push_back(gap_share(experiment, trials, fit, progress));
+  // Where the fit stopped short of its own optimum is nobody's share.
+  if (progress) progress("the fit's own next step");
+  const Shift own = shift_with(experiment, experiment.mesh, trials, fit);
+  if (!own.failure.empty()) return shares;
+  shares.push_back(mesh_share(experiment, trials, fit, own, progress));
+  if (experiment.contact.on) shares.push_back(gap_share(experiment, trials, fit, own, progress));
   return shares;
 }
 

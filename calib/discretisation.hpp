@@ -27,9 +27,9 @@ struct Extrapolation {
 
 /// `values`: quantities x meshes, from coarse to fine, in units in which all quantities count alike; `h` their element
 /// sizes. With v = limit + c h^p on the finest three, order p from the differences of all quantities taken together,
-/// within [0.5, highest_order]; error 1.25 |limit - v_finest|. From two meshes p = 1, the order beside a sharp corner
-/// between unlike materials, so that the error covers higher ones. Where differences grow or turn, no extrapolation and
-/// 3 times the last difference as error.
+/// at most highest_order; error 1.25 |limit - v_finest|. From two meshes p = 1, the order beside a sharp corner between
+/// unlike materials, so that the error covers higher ones. Where differences grow, turn, or shrink more slowly than
+/// with p = 0.5, no extrapolation and 3 times the last difference as error.
 Extrapolation extrapolate(const std::vector<double>& h, const Eigen::MatrixXd& values, double highest_order);
 
 /// One Gauss-Newton step of a fit's weighted least squares from the parameters `p`, at which `prediction` holds values
@@ -53,8 +53,8 @@ struct DiscretisationShare {
 std::string describe(const DiscretisationShare& share, const ParameterEstimate& estimate, size_t j);
 
 /// The shares of mesh and contact gap in a fit of readings at rest. Models that are refined predict all readings at the
-/// optimum, with derivatives, and gauss_newton_step() from there tells where their fit would end; nothing is fitted
-/// again.
+/// optimum, with derivatives, and gauss_newton_step() from there, less that of the fit's own model, tells where their
+/// fit would end; nothing is fitted again.
 ///
 /// Mesh: the finest three of most_accurate() meshes with sizes r^-2 ... r^2 times the fit's own, r = 2 in 2D and 1.45
 /// in 3D, that have at most 150 000 unknowns in 2D and 40 000 in 3D; then extrapolate() with orders up to 2, what

@@ -89,6 +89,7 @@ struct CablesSettings {
 /// [contact]: on for push_puppet, elsewhere when the table is there.
 struct SurfaceSettings {
   bool on = false;
+  bool idle = false;  ///< nothing touches: the mesh is made for contact, but none is looked for
   ContactForm form = ContactForm::length_weighted;
   std::optional<double> stiffness;  ///< pair sums only [N/m]
   bool compensate = true;           ///< take the distance at which closed lips rest off their faces (push_puppet)

@@ -534,9 +534,9 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
       break;
     }
     const double again = last.residuals().squaredNorm();
-    // Within a thirtieth of a standard error of the optimum on the protocol's own path.
-    if (promised_decrease(last, free, best.q, last.residuals(), last.jacobian(), -1) <=
-        std::max(1e-3, 10 * options.tolerance * again))
+    // The same again, or within a thirtieth of a standard error of the optimum on the protocol's own path.
+    if (std::abs(again - best.chi_squared) <= 1e-6 * (1 + best.chi_squared) ||
+        promised_decrease(last, free, best.q, last.residuals(), last.jacobian(), -1) <= std::max(1e-3, 1e-5 * again))
       break;
     evaluator.reset();
     if (round == 2) {

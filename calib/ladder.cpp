@@ -17,7 +17,7 @@ namespace {
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 constexpr double infinity = std::numeric_limits<double>::infinity();
-constexpr int most_solid_unknowns = 30000;
+constexpr int most_solid_unknowns = 30000, most_coarse_unknowns = 20000;
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -67,7 +67,7 @@ struct Rows {
   }
 };
 
-/// A rung with its values at the starting parameters, by rows of the full model: NaN where it was not asked.
+/// A rung with its values at the file's values, by rows of the full model: NaN where it was not asked.
 struct Tried {
   RungTrial trial;
   LadderProtocol::Part part;
@@ -181,13 +181,23 @@ std::string words(Rung rung) {
   }
 }
 
-/// One protocol for each rung that rows have been given to.
+/// One protocol for each rung that rows have been given to, and for paths with and without contact.
 std::vector<LadderProtocol::Part> make_parts(const Rows& rows, const Experiment& experiment,
                                              const std::vector<RowChoice>& choices) {
-  std::map<Rung, std::set<int>> rows_of;
-  for (int row = 0; row < rows.count(); ++row) rows_of[choices[static_cast<size_t>(row)].rung].insert(row);
+  std::set<int> touching;
+  for (int row = 0; row < rows.count(); ++row) {
+    if (choices[static_cast<size_t>(row)].closed) touching.insert(row);
+  }
+  touching = whole_paths(rows, touching);
+  std::map<std::pair<Rung, bool>, std::set<int>> rows_of;
+  for (int row = 0; row < rows.count(); ++row) {
+    const Rung rung = choices[static_cast<size_t>(row)].rung;
+    const bool elements = rung == Rung::rigid_segments || rung == Rung::full;
+    rows_of[{rung, elements && experiment.contact.on && touching.count(row) == 0}].insert(row);
+  }
   std::vector<LadderProtocol::Part> parts;
-  for (const auto& [rung, chosen] : rows_of) {
+  for (const auto& [kind, chosen] : rows_of) {
+    const auto [rung, idle] = kind;
     LadderProtocol::Part& part = parts.emplace_back();
     part.rung = rung;
     if (rung == Rung::beam) {
@@ -198,8 +208,10 @@ std::vector<LadderProtocol::Part> make_parts(const Rows& rows, const Experiment&
     }
     Experiment as = experiment;
     as.model = rung;
-    StaticBench bench =
-        make_static_bench(as, rung == Rung::solid ? deepened(as.geometry, as.mesh) : as.mesh, rows.of(chosen));
+    const MeshSettings mesh = rung == Rung::solid ? deepened(as.geometry, as.mesh) : as.mesh;
+    if (idle) part.watch = make_static_bench(as, mesh, rows.of(chosen));
+    as.contact.idle = idle;
+    StaticBench bench = make_static_bench(as, mesh, rows.of(chosen));
     part.rows = rows.map(chosen, bench.row_of_reading, bench.protocol->row_count());
     part.protocol = std::move(bench.protocol);
   }
@@ -260,8 +272,15 @@ std::string try_solid(const Rows& rows, const std::set<int>& doubtful, const std
   }
   const MeshSettings coarse = refined(experiment.mesh, experiment.geometry, 0.5);
   const std::set<int> light = lightest(rows, doubtful);
+  const MeshSettings coarse_solid = deepened(experiment.geometry, coarse);
+  const int coarse_unknowns =
+      make_static_bench(experiment, coarse_solid, rows.of(light)).protocol->scene().model->free_unknowns();
+  if (coarse_unknowns > most_coarse_unknowns) {
+    return fmt::format("the solid that would decide has {} unknowns and was not tried (model = \"solid\" takes it)",
+                       unknowns);
+  }
   const Tried plane = try_elements(rows, light, experiment, Rung::full, coarse);
-  const Tried solid = try_elements(rows, light, experiment, Rung::solid, deepened(experiment.geometry, coarse));
+  const Tried solid = try_elements(rows, light, experiment, Rung::solid, coarse_solid);
   ladder.trials.push_back(solid.trial);
   for (int row : light) {
     const double change =
@@ -294,7 +313,7 @@ std::string describe(const Ladder& ladder, double tolerance, const std::string& 
     if (count == 0) continue;
     text += fmt::format("{}{} of {} rows from {}", text.empty() ? "" : "; ", count, ladder.rows.size(), words(rung));
     if (rung == Rung::beam)
-      text += fmt::format(" (the next one changes them by at most {})", percent(change));
+      text += fmt::format(" (off by at most {})", percent(change));
     else if (rung == Rung::rigid_segments)
       text += fmt::format(" (their own compliance changes them by at most {})", percent(compliance));
     else if (rung == Rung::full && compliance > 0)
@@ -333,26 +352,51 @@ MeshSettings deepened(const GeometrySettings& geometry, MeshSettings mesh) {
 LadderProtocol::LadderProtocol(ParameterTable parameters, Params nominal, int rows, std::vector<Part> parts)
     : parameters_(std::move(parameters)), nominal_(std::move(nominal)), rows_(rows), parts_(std::move(parts)) {}
 
+namespace {
+
+/// Whether anything has come within the contact gap in a state of a part that does not look for contact.
+bool touches(const LadderProtocol::Part& part) {
+  const StaticProtocol& with = *part.watch.protocol;
+  const double gap = with.nominal()[with.parameters().index("contact_gap")];
+  for (const StaticProtocol::Condition& condition : static_cast<StaticProtocol&>(*part.protocol).conditions()) {
+    if (condition.u.size() > 0 && part.watch.contact->smallest_distance(condition.u, gap) < gap) return true;
+  }
+  return false;
+}
+
+/// What a part says, by its own table and indices.
+Prediction ask(Protocol& protocol, const ParameterTable& parameters, const Params& p, const std::vector<int>& free,
+               std::vector<Eigen::Index>& column) {
+  const ParameterTable& table = protocol.parameters();
+  Params own = protocol.nominal();
+  for (int i = 0; i < table.size(); ++i) {
+    if (parameters.contains(table[i].id)) own[i] = p[parameters.index(table[i].id)];
+  }
+  std::vector<int> indices;
+  column.clear();
+  for (size_t k = 0; k < free.size(); ++k) {
+    const std::string& id = parameters[free[k]].id;
+    if (!table.contains(id)) continue;
+    indices.push_back(table.index(id));
+    column.push_back(static_cast<Eigen::Index>(k));
+  }
+  return protocol.predict(own, indices);
+}
+
+}  // namespace
+
 Prediction LadderProtocol::predict(const Params& p, const std::vector<int>& free) {
   Prediction all;
   const Eigen::Index columns = static_cast<Eigen::Index>(free.size());
   all.values = Eigen::VectorXd::Constant(rows_, nan);
   if (columns > 0) all.derivatives = Eigen::MatrixXd::Zero(rows_, columns);
   for (Part& part : parts_) {
-    const ParameterTable& table = part.protocol->parameters();
-    Params own = part.protocol->nominal();
-    for (int i = 0; i < table.size(); ++i) {
-      if (parameters_.contains(table[i].id)) own[i] = p[parameters_.index(table[i].id)];
-    }
-    std::vector<int> indices;
     std::vector<Eigen::Index> column;
-    for (Eigen::Index k = 0; k < columns; ++k) {
-      const std::string& id = parameters_[free[static_cast<size_t>(k)]].id;
-      if (!table.contains(id)) continue;
-      indices.push_back(table.index(id));
-      column.push_back(k);
+    Prediction some = ask(*part.protocol, parameters_, p, free, column);
+    if (part.watch.protocol != nullptr && touches(part)) {
+      part.protocol = std::move(part.watch.protocol);
+      some = ask(*part.protocol, parameters_, p, free, column);
     }
-    const Prediction some = part.protocol->predict(own, indices);
     for (size_t r = 0; r < part.rows.size(); ++r) {
       all.values[part.rows[r]] = some.values[static_cast<Eigen::Index>(r)];
       for (size_t k = 0; k < column.size(); ++k)

@@ -20,6 +20,9 @@ class LadderProtocol final : public Protocol {
     Rung rung = Rung::full;
     std::unique_ptr<Protocol> protocol;
     std::vector<int> rows;  ///< of this protocol, per row of the part's
+    /// The same with contact, where `protocol` looks for none because no gap closed when it was made. Takes its place
+    /// as soon as one does.
+    StaticBench watch;
   };
   LadderProtocol(ParameterTable parameters, Params nominal, int rows, std::vector<Part> parts);
 
@@ -37,7 +40,7 @@ class LadderProtocol final : public Protocol {
   std::vector<Part> parts_;
 };
 
-/// What a rung took to predict the rows that it was asked for, at the starting parameters.
+/// What a rung took to predict the rows that it was asked for, at the values that the file gives.
 struct RungTrial {
   Rung rung = Rung::full;
   std::string cannot;  ///< why it does not describe the experiment; "": it does
@@ -69,17 +72,18 @@ struct Ladder {
 MeshSettings deepened(const GeometrySettings& geometry, MeshSettings mesh);
 
 /// Climbs the rungs of an experiment at rest until the next one changes no row by more than experiment.tolerance, at
-/// the starting parameters. Rows of one path (one retraction) share a rung, the highest that any of them needs.
+/// the values that its file gives. Rows of one path (one retraction) share a rung, the highest that any of them needs;
+/// where no gap closes on a path, no contact is looked for, and every state is tested for that.
 ///
 ///   beam            accepted where its stated error is within the tolerance, or the next rung says so
 ///   rigid_segments  accepted where one Newton step of the full model from its equilibrium, du = -H^-1 grad Pi, changes
 ///                   the row by no more than half the tolerance. To first order that is -dy/d ln E of the stiff
 ///                   regions (y = y_rigid + c/E): the sensitivity that says whether their modulus matters
 ///   full            the file's own model; of a plane section accepted where plane stress and plane strain, between
-///   which
-///                   the truth lies, differ by no more than the tolerance, or where the solid on a coarse mesh does not
-///                   change the row of the lightest load of its path by more
-///   solid           taken where that changes more, unless it has over 30 000 unknowns; then the sentence says so
+///                   which the truth lies, differ by no more than the tolerance, or where a solid on a coarse mesh
+///                   changes the row of the lightest load of its path by no more
+///   solid           taken where that changes more, unless it has over 30 000 unknowns (the coarse one over 20 000);
+///                   then the sentence says so
 ///
 /// `full` is the full model's bench. Throws InputError as the benches do.
 Ladder climb(const Experiment& experiment, const Trials& trials, const StaticBench& full);

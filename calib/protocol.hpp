@@ -28,7 +28,8 @@ class Protocol {
   virtual const Params& nominal() const = 0;
   virtual int row_count() const = 0;
   /// Predicts all rows at `p`, with derivatives with respect to the parameters `free` (table indices) when that is not
-  /// empty. May start from what earlier calls found: that changes the time, not the answer.
+  /// empty. May start from what earlier calls found: that changes the time, not the values; derivatives may then be off
+  /// by some per cent, good enough to search by.
   virtual Prediction predict(const Params& p, const std::vector<int>& free) = 0;
   /// Forgets what earlier calls found: the next prediction goes the protocol's own path from the start.
   virtual void forget() {}

@@ -16,13 +16,13 @@ namespace taut {
 
 /// What a run of a solver came to, as independent looks at its last state say. From good to bad.
 enum class Outcome {
-  converged,    ///< an answer at once
-  cut_back,     ///< an answer, after load or time steps were halved
-  locked,       ///< an answer that is too stiff by more than 10 %
-  elsewhere,    ///< another answer than the refined path: a slip, or an error above the map's tolerance
-  saddle,       ///< not a minimum: nothing would stay there
-  diverged,     ///< stalled, or no end within the iterations allowed
-  inverted,     ///< elements turned inside out
+  converged,  ///< an answer at once
+  cut_back,   ///< an answer, after load or time steps were halved
+  locked,     ///< an answer that is too stiff by more than 10 %
+  elsewhere,  ///< another answer than the refined path's, which may slip itself, or an error above the map's tolerance
+  saddle,     ///< not a minimum: nothing would stay there
+  diverged,   ///< stalled, or no end within the iterations allowed
+  inverted,   ///< elements turned inside out
   intersected,  ///< something passed through something
 };
 std::string_view name_of(Outcome outcome);
@@ -43,7 +43,8 @@ struct StabilityMap {
   std::string x_label, y_label;   ///< with units
   std::vector<std::string> x, y;  ///< values along the axes, as text
   std::vector<std::string> methods;
-  bool shows_error = false;  ///< the error belongs into the cells too
+  std::string elsewhere = "slipped: another answer";  ///< what Outcome::elsewhere is in this map, for people
+  bool shows_error = false;                           ///< the error belongs into the cells too
   std::function<StabilityRun(size_t method, size_t x, size_t y)> run;
 
   size_t cells() const { return methods.size() * x.size() * y.size(); }
@@ -71,8 +72,7 @@ std::vector<StabilityMap> stability_maps(const Simulation& simulation);
 /// other contents of the experiment file are left alone and not used.
 class StabilityStore {
  public:
-  /// `fingerprint` stands for the experiment file's content. Throws InputError when the file
-  /// cannot be read.
+  /// `fingerprint` stands for the contents of the experiment's files. Throws InputError for a file that cannot be read.
   StabilityStore(std::string path, std::string fingerprint);
   std::optional<StabilityRun> find(const StabilityMap& map, size_t method, size_t x, size_t y) const;
   void add(const StabilityMap& map, size_t method, size_t x, size_t y, const StabilityRun& run);

@@ -114,7 +114,9 @@ int chart_accuracy(const CommandOptions& options) {
       if (runs[i] && !runs[i]->failure.empty())
         fmt::print("{:<52} failed: {}\n", study.settings[i].name, runs[i]->failure);
     }
-    fmt::print("reference: {}; known to {:.2g} %\n", chart.reference, 100 * chart.uncertainty);
+    fmt::print("reference: {}; {}\n", chart.reference,
+               std::isfinite(chart.uncertainty) ? fmt::format("known to {:.2g} %", 100 * chart.uncertainty)
+                                                : "how well it is known cannot be said");
   }
   if (missing > 0)
     progress.say(fmt::format("{} of {} settings are missing; run it again to go on, or with a larger --budget", missing,

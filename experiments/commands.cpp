@@ -303,6 +303,7 @@ int replay_command(const CommandOptions& options) {
   }
   progress.say(fmt::format("replaying {} conditions with {} unknowns", protocol.conditions().size(),
                            protocol.scene().model->free_unknowns()));
+  session.model().forget();  // what the choice of the model left
   const Stopwatch watch;
   const Prediction prediction = session.model().predict(p, {});
   record.replay_seconds = watch.seconds();

@@ -28,7 +28,7 @@ struct Look {
 constexpr std::array<Look, 8> kLooks{{{0xc9ead3, false, "converged at once"},
                                       {0xfff0a8, false, "converged, steps halved"},
                                       {0xf5b461, false, "too stiff by over 10 %"},
-                                      {0x7fb8e6, false, "another answer"},
+                                      {0x7fb8e6, false, "slipped: another answer"},
                                       {0xc08bc9, false, "not a minimum: unstable"},
                                       {0xa8a8a8, false, "no end: stalled or limit"},
                                       {0xc43d2b, true, "elements inside out"},
@@ -50,7 +50,9 @@ std::vector<LegendEntry> legend_of(const StabilityMap& map, const std::vector<st
   std::vector<LegendEntry> legend{{LegendEntry::heading, "The run"}};
   for (size_t k = 0; k < kLooks.size(); ++k) {
     if (std::ranges::any_of(runs, [&](const auto& run) { return run && static_cast<size_t>(run->outcome) == k; }))
-      legend.push_back({LegendEntry::area, kLooks[k].words, fmt::format("#{:06x}", kLooks[k].colour)});
+      legend.push_back({LegendEntry::area,
+                        static_cast<Outcome>(k) == Outcome::elsewhere ? map.elsewhere : kLooks[k].words,
+                        fmt::format("#{:06x}", kLooks[k].colour)});
   }
   if (std::ranges::any_of(runs, [](const auto& run) { return !run; }))
     legend.push_back({LegendEntry::area, "not run: no time left", "#ffffff"});
@@ -158,7 +160,9 @@ Figure draw_stability(const StabilityMap& map, const std::vector<std::optional<S
   const double height = std::max(plot::kTitle + each * static_cast<double>(rows) + below,
                                  plot::kTitle + 19.0 * static_cast<double>(legend.size()) + 60);
   const std::string title = sentence_of(map, runs);
-  Page page(kWidth, height, title, subject.substr(0, subject.find(',')) + ": " + map.setting, simulated);
+  std::string subtitle = subject + ": " + map.setting;
+  if (plot::length_of(subtitle) > 155) subtitle = subject.substr(0, subject.find(',')) + ": " + map.setting;
+  Page page(kWidth, height, title, subtitle, simulated);
   page.legend(legend_left, height - plot::kTitle - heading, legend);
   for (size_t m = 0; m < map.methods.size(); ++m) {
     const size_t row = m / kColumns, column = m % kColumns;

@@ -325,10 +325,10 @@ const Contact& SceneBuilder::add_contact(double gap, const std::map<std::string,
   settings.gap = declare({"contact_gap", "dhat", "m", 1e-9, 1, "distance at which the contact barrier sets in"}, gap);
   std::vector<int> stiffness;
   for (const std::string& region : mesh_.region_names) {
-    stiffness.push_back(
-        declare({"contact_pressure_" + region, "kappa", form == ContactForm::length_weighted ? "Pa" : "N/m", 1e-9, 1e15,
-                 "barrier stiffness of " + region, true},
-                pressures.at(region)));
+    stiffness.push_back(declare({"contact_pressure_" + region, "kappa",
+                                 form == ContactForm::pair_sum || form == ContactForm::pair_sum_dedup ? "N/m" : "Pa",
+                                 1e-9, 1e15, "barrier stiffness of " + region, true},
+                                pressures.at(region)));
   }
   std::map<std::array<int, 2>, int> region_of;  // of an edge, by its nodes in either order
   for (int e = 0; e < mesh_.element_count(); ++e) {

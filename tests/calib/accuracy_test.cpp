@@ -104,6 +104,30 @@ TEST(Accuracy, TheReferenceOfABeamHoldsTheTrueStiffnessWithinItsUncertainty) {
   EXPECT_NEAR(reference / timoshenko, 1, chart.uncertainty + 5e-4) << "the clamped end is not Timoshenko's";
 }
 
+TEST(Accuracy, TimeStepsAreJudgedByTheLimitOfSmallStepsOnTheSameMesh) {
+  // Results 1 + h + mesh: the mesh's part is the same on all of one mesh, whatever the steps.
+  AccuracyStudy study = made_up({0.4, 0.2, 0.1, 0.05});
+  study.highest_order = {{"mesh", 2}, {"step", 1}};
+  const double meshes[] = {0.1, 0.1, 0.1, 0.0}, steps[] = {0.04, 0.02, 0.01, 0.04};
+  for (size_t i = 0; i < 4; ++i) {
+    study.settings[i].run = [y = 1 + meshes[i] + steps[i]](const std::atomic<bool>&) {
+      AccuracyRun run;
+      run.values = Eigen::VectorXd::Constant(1, y);
+      return run;
+    };
+    study.settings[i].sequences.clear();
+    study.settings[i].sequences[i < 3 ? "step" : "mesh"] = i < 3 ? steps[i] : 1;
+    study.settings[i].integrator = i < 3 ? "BDF2" : "";
+  }
+  const TemporaryFolder folder;
+  const AccuracyChart chart = judge(study, run_settings(study, {10, folder / "a.csv", "f", nullptr, {}}));
+  ASSERT_EQ(chart.points.size(), 4u);
+  for (size_t i = 0; i < 3; ++i) EXPECT_NEAR(chart.points[i].step_error, steps[i] / 1.14, 1e-9);
+  EXPECT_TRUE(std::isnan(chart.points[3].step_error)) << "another mesh";
+  EXPECT_NEAR(chart.points[0].error, (0.1 + 0.04) / 1.14, 1e-9) << "both";
+  EXPECT_NEAR(chart.step_uncertainty, 1.25 * 0.01 / 1.14, 1e-9);
+}
+
 TEST(Accuracy, GoingOnRepeatsNothingThatIsFinished) {
   int count = 0;
   const AccuracyStudy study = made_up({0.4, 0.2, 0.1, 0.05}, &count);

@@ -55,6 +55,14 @@ TEST_F(WrongExperiment, FilesThatCannotBeRead) {
   expect_input_error([&] { open(path); }, {"bench.csv"});
 }
 
+TEST_F(WrongExperiment, ModelsThatThereAreNot) {
+  const auto with = [](const std::string& keys) { return "data = \"simulated\"\n" + keys; };
+  refuses("data = \"simulated\"", with("model = \"beams\""), {"@model", "beams", "beam", "rigid_segments", "auto"});
+  refuses("data = \"simulated\"", with("tolerance = \"2 %\""), {"@tolerance", "model = \"auto\""});
+  refuses("data = \"simulated\"", with("model = \"auto\"\ntolerance = \"80 %\""), {"@tolerance", "50 %"});
+  refuses("data = \"simulated\"", with("model = \"rigid_segments\""), {"model", "100 times as stiff", "\"full\""});
+}
+
 TEST_F(WrongExperiment, UnknownKeysGetTheirLineAndTheNearestName) {
   refuses("thickness =", "thikness =", {"[geometry]", "thickness"});
   refuses("plane = \"strain\"", "plane = \"strain\"\norigine = [\"0 mm\", \"0 mm\"]",

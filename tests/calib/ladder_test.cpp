@@ -68,10 +68,10 @@ TEST(Ladder, ASlenderBeamNeedsNoMoreThanBeams) {
   for (const RungTrial& trial : result.ladder.trials) EXPECT_EQ(trial.rung, Rung::beam) << "nothing else was solved";
 }
 
-/// The module without lips that meet: no Poisson's effect, so that the kind of plane does not matter.
+/// The module without Poisson's effect, so that the kind of plane does not matter.
 Experiment module(double E_plastic, double tolerance) {
   Experiment e = reference_module();
-  e.materials[0].constants["nu"] = 0;
+  for (MaterialSettings& material : e.materials) material.constants["nu"] = 0;
   e.materials[1].constants["E"] = E_plastic;
   e.tolerance = tolerance;
   return e;
@@ -113,7 +113,8 @@ TEST(Ladder, AWidePlateOfRubberNeedsTheSolid) {
 
 TEST(SlowLadder, OnTheBenchRigidSegmentsAreTakenWhereTheyAgreeWithinOnePerCentAndRefusedWhereLipsClose) {
   Experiment e = read_experiment(TAUT_SOURCE_DIR "/experiments/push_puppet/experiment.toml");
-  e.materials[0].constants["nu"] = 0;  // leaves the question of the plane aside
+  for (MaterialSettings& material : e.materials)
+    material.constants["nu"] = 0;  // leaves the question of the plane aside
   const Trials trials = read_trials(e.bench);
   const Climbed result = climbed(e, trials);
   const Prediction full = result.full.protocol->predict(result.full.protocol->nominal(), {});
@@ -138,7 +139,9 @@ TEST(SlowLadder, OnTheBenchRigidSegmentsAreTakenWhereTheyAgreeWithinOnePerCentAn
 
 TEST(SlowLadder, AStuddedClosedModuleIsRefusedForItsCompliance) {
   Experiment e = module(2.3e9, 0.02);
-  e.geometry.puppet.stud_length = 2e-3;
+  PushPuppet studded;
+  studded.stud_length = 2e-3;
+  set_module(e, studded);
   const Climbed result = climbed(e, conditions_of({20e-3}, {0.1}));
   expect_all(result.ladder, Rung::full);
   // What the estimate says of the plastic, its sensitivity says too: dy / d ln E by the implicit function theorem.
@@ -151,6 +154,26 @@ TEST(SlowLadder, AStuddedClosedModuleIsRefusedForItsCompliance) {
     EXPECT_GT(result.ladder.rows[r].compliance, 0.01);
     EXPECT_GT(std::abs(sensitivity), 0.01);
   }
+}
+
+TEST(Ladder, ContactIsLookedForOnlyOnceAGapCloses) {
+  Experiment e = module(2.3e9, 0.005);
+  const Trials trials = conditions_of({5.89e-3}, {0.05});
+  const Climbed result = climbed(e, trials);
+  expect_all(result.ladder, Rung::rigid_segments);
+  e.model = Rung::rigid_segments;
+  const StaticBench with = make_static_bench(e, e.mesh, trials);
+  const ParameterTable& table = result.full.protocol->parameters();
+  Params open = result.full.protocol->nominal(), closed = open;
+  closed[table.index("slack")] = -13e-3;  // as much as further retraction
+  for (const Params& p : {open, closed, open}) {
+    const Prediction expected = with.protocol->predict(p, {}), found = result.ladder.protocol->predict(p, {});
+    ASSERT_TRUE(found.complete());
+    EXPECT_NEAR(found.values[0] / expected.values[0], 1, 1e-6);
+  }
+  const double gap = with.protocol->nominal()[with.protocol->parameters().index("contact_gap")];
+  with.protocol->predict(closed, {});
+  EXPECT_LT(with.contact->smallest_distance(with.protocol->conditions()[0].u, gap), gap) << "lips do meet";
 }
 
 TEST(Ladder, AFitOnItsProtocolGivesTheParametersBack) {

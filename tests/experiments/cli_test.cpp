@@ -153,7 +153,7 @@ TEST_F(Command, WrongUsageIsExitCodeTwoWithASentenceOnStderr) {
   refuses({"chart", "accuracy", experiment_, "--budget", "-1"}, {"--budget", "seconds"});
   refuses({"chart", "accuracy", TAUT_SOURCE_DIR "/experiments/foam_point/experiment.toml"},
           {"material point has no mesh", "a specimen or a simulation"});
-  refuses({"chart", "accuracy", TAUT_SOURCE_DIR "/experiments/arm/experiment.toml"},
+  refuses({"chart", "accuracy", TAUT_SOURCE_DIR "/experiments/finger_bend/experiment.toml"},
           {"through equilibria", "experiment with a bench"});
   EXPECT_EQ(taut({}).code, 2);
 }
@@ -362,6 +362,19 @@ TEST_F(Command, AnAccuracyChartGoesOnWhereTheLastOneEnded) {
     EXPECT_TRUE(fs::exists(charts + "/figures/" + file)) << file;
   taut({"chart", "accuracy", experiment_, "--out", charts});
   EXPECT_EQ(text_of(charts + "/accuracy.csv"), table) << "nothing is run twice";
+}
+
+TEST_F(Command, AStabilityChartGoesOnWhereItsBudgetEnded) {
+  const std::string charts = folder_ / "charts";
+  const Outcome none = taut({"chart", "stability", experiment_, "--budget", "0", "--out", charts});
+  EXPECT_EQ(none.code, 0) << none.err;
+  const Outcome whole = taut({"chart", "stability", experiment_, "--out", charts});
+  ASSERT_EQ(whole.code, 0) << whole.err;
+  const std::string table = text_of(charts + "/stability.csv");
+  EXPECT_GT(std::count(table.begin(), table.end(), '\n'), 50);
+  EXPECT_TRUE(fs::exists(charts + "/figures/stability_poisson_element.svg"));
+  taut({"chart", "stability", experiment_, "--out", charts});
+  EXPECT_EQ(text_of(charts + "/stability.csv"), table) << "nothing is run twice";
 }
 
 TEST_F(Command, AFitToPartsOfTheReadingsIsToldWithWhatItMeansAndATrendIsHandedToTheFigures) {

@@ -41,7 +41,7 @@ Case made_up(bool with_parameters) {
     c.runs[static_cast<size_t>(i)] = run;
   }
   c.runs[2]->failure = "elements have turned inside out";
-  c.chart.points = {{0, 0.04, 0.08, 0, {}, true}, {1, 0.005, 0.01, 0.035, {}, true}};
+  c.chart.points = {{0, 0.04, 0.08, 0, {}, NAN, true}, {1, 0.005, 0.01, 0.035, {}, NAN, true}};
   c.chart.uncertainty = 0.002;
   c.chart.reference = "mesh extrapolated";
   if (!with_parameters) return c;
@@ -96,6 +96,25 @@ TEST(AccuracyFigures, WhatFailedWhatIsMissingAndThatItIsSimulatedIsSaidInTheFigu
   for (const char* part : {"SIMULATED DATA", "broken: elements have turned inside out", "1 of 4 settings are missing",
                            "In use: coarse, in use: 4 % in 0.5 s, 10 factorisations", "2  fine: 0.5 %"})
     EXPECT_NE(script.find(part), std::string::npos) << part;
+}
+
+TEST(AccuracyFigures, TimeStepsHaveAFigureOfTheirOwnWithoutOtherMeshes) {
+  Case c = made_up(false);
+  for (size_t i : {0, 1, 2}) c.study.settings[i].integrator = i == 2 ? "explicit" : "BDF2";
+  c.chart.points[0].step_error = 0.03;
+  c.chart.points[1].step_error = 0.002;
+  c.chart.step_uncertainty = 0.001;
+  c.chart.step_reference = "step extrapolated";
+  const TemporaryFolder folder;
+  ASSERT_EQ(draw_accuracy(c.study, c.runs, c.chart, folder / "charts").size(), 2u);
+  const CsvTable table = read_csv(folder / "charts/figures/accuracy_steps.csv");
+  check_cell_counts(table);
+  ASSERT_EQ(table.rows.size(), 4u);
+  EXPECT_EQ(table.rows[0].cells[5], "0.1");
+  EXPECT_EQ(table.rows[1].cells, (std::vector<std::string>{"BDF2", "coarse, in use", "1", "0.5", "10", "3", ""}));
+  EXPECT_EQ(table.rows[3].cells[6], "elements have turned inside out");
+  EXPECT_EQ(text_of(folder / "charts/figures/accuracy_steps.gp").find("settings are missing"), std::string::npos)
+      << "the one left out is of another mesh";
 }
 
 TEST(AccuracyFigures, AReferenceWithoutKnownUncertaintyHasNoBand) {

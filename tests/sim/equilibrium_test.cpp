@@ -370,5 +370,39 @@ TEST(SceneBuilder, EveryNumberIsADeclaredParameterWithItsValue) {
   EXPECT_EQ((scene.values - vec({1.0, 1e5, 0.3, 9.81, 1100})).norm(), 0.0);
 }
 
+TEST(Equilibrium, ASearchEndsInTheSameStateWithFewerFactorisations) {
+  const Problem problem = problem_a1(8, 2);
+  const Model& model = *problem.scene.model;
+  Params p = problem.scene.values, nearby = p;
+  p[problem.force] = nearby[problem.force] = 2.0;
+  nearby[model.parameters().index("E_beam")] *= 1.02;
+  Equilibrium full(model), search(model);
+  for (Equilibrium* equilibrium : {&full, &search}) {
+    equilibrium->start_at_rest(problem.scene.values);
+    ASSERT_EQ(equilibrium->solve(p).status, SolveStatus::converged);
+  }
+  ASSERT_EQ(full.solve(nearby).status, SolveStatus::converged);
+  ASSERT_EQ(search.solve(nearby, Polish::search).status, SolveStatus::converged);
+  EXPECT_LT(search.report().factorisations, full.report().factorisations);
+  EXPECT_LE((search.u() - full.u()).cwiseAbs().maxCoeff(),
+            2 * EquilibriumOptions().step_tolerance * model.length_scale());
+  const Eigen::MatrixXd exact = full.sensitivities({problem.force}), near = search.sensitivities({problem.force});
+  EXPECT_LE((near - exact).norm(), 0.1 * exact.norm());
+}
+
+TEST(Equilibrium, LoadStepsDivideTheWay) {
+  const Problem problem = problem_a1(4, 2);
+  Params p = problem.scene.values;
+  p[problem.force] = 1.0;
+  EquilibriumOptions options;
+  options.load_steps = 4;
+  Equilibrium one(*problem.scene.model), four(*problem.scene.model, options);
+  one.start_at_rest(problem.scene.values);
+  four.start_at_rest(problem.scene.values);
+  EXPECT_EQ(one.solve(p).load_steps, 1);
+  EXPECT_EQ(four.solve(p).load_steps, 4);
+  EXPECT_LE((one.u() - four.u()).cwiseAbs().maxCoeff(), 1e-9 * problem.scene.model->length_scale());
+}
+
 }  // namespace
 }  // namespace taut

@@ -8,15 +8,20 @@ namespace taut::test {
 inline const std::vector<double> kRetractions{0, 5.89e-3, 11.79e-3, 17.68e-3};
 inline const std::vector<double> kMasses{0.050, 0.100, 0.200, 0.500};
 
+/// Makes an experiment's module another one, with its own cables.
+inline void set_module(Experiment& e, const PushPuppet& module) {
+  e.geometry.puppet = module;
+  for (CableSettings& cable : e.cables.cables) {
+    cable.points.clear();
+    for (const Eigen::Vector2d& point : cable_path(module, cable.id == "upper" ? 1 : -1))
+      cable.points.push_back({point[0], point[1]});
+  }
+}
+
 /// Linear: 1.4 mm, 2.7 k unknowns; quadratic: 2.6 mm, 4.5 k.
 inline Experiment reference_module(int order = 2) {
   Experiment e = read_experiment(TAUT_SOURCE_DIR "/experiments/push_puppet/experiment.toml");
-  e.geometry.puppet = PushPuppet{};
-  for (CableSettings& cable : e.cables.cables) {
-    cable.points.clear();
-    for (const Eigen::Vector2d& point : cable_path(e.geometry.puppet, cable.id == "upper" ? 1 : -1))
-      cable.points.push_back({point[0], point[1]});
-  }
+  set_module(e, PushPuppet{});
   e.cables.k = 20e3;
   e.materials[0].constants["E"] = 50e3;
   e.mesh.order = order;

@@ -179,6 +179,21 @@ TEST(SlowMeshShare, OfQuadraticElementsIsSmallAndCoversTheTruth) {
   }
 }
 
+TEST(SlowMeshShare, DoesNotCountHowFarAFitStoppedFromItsOwnOptimum) {
+  Experiment e = cantilever_bench(0.3);
+  e.mesh.order = 2;
+  e.mesh.cells = {22, 12};
+  const Trials trials = readings_of(e, e.mesh, {0.5, 1});
+  e.mesh.cells = {7, 4};
+  Fitted f = fitted(e, trials);
+  const double bias = f.shares[0].bias[0] / f.fit.parameters[0].value;
+  const int E = make_static_bench(e, e.mesh, trials).protocol->parameters().index("E_foam");
+  f.fit.p[E] = f.fit.parameters[0].value *= 1.01;
+  const double there = discretisation_shares(e, trials, f.fit)[0].bias[0] / f.fit.parameters[0].value;
+  EXPECT_LT(bias, -0.003);
+  EXPECT_NEAR(there, bias, 0.05 * std::abs(bias)) << "twice the bias away";
+}
+
 TEST(SlowMeshShare, OfTwoModuliIsPredictedForEach) {
   if (!has_gmsh()) GTEST_SKIP() << "built without Gmsh";
   Experiment e = two_regions();
@@ -282,6 +297,7 @@ TEST(MeshShare, DifferencesThatTurnAreNotExtrapolated) {
   EXPECT_FALSE(e.measured);
   EXPECT_EQ(e.limit[0], 1.1);
   EXPECT_NEAR(e.error[0], 0.3, 1e-12);
+  EXPECT_FALSE(extrapolate({4, 2, 1}, Eigen::RowVector3d(1.0, 1.2, 1.35), 4).measured) << "as if with order 0.4";
   const Extrapolation two = extrapolate({2, 1}, Eigen::RowVector2d(1.2, 1.1), 4);
   EXPECT_NEAR(two.limit[0], 1.0, 1e-12) << "order 1";
   EXPECT_TRUE(std::isnan(extrapolate({1}, Eigen::MatrixXd::Ones(1, 1), 4).error[0]));
