@@ -516,10 +516,12 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
   Evaluator last(protocol, measurements, free, options);
   for (int round = 0; round < 3; ++round) {
     last.reset();
+    protocol.begin_search();
     const bool near = round > 0 || step_in_compliance(evaluator, free, best.q);
     best = minimise(evaluator, free, measurements.size(), best.q, -1, near ? undamped : damped, options);
     result.iterations += std::max(0, static_cast<int>(best.summary.iterations.size()) - 1);
     result.message = best.summary.message;
+    protocol.end_search();
     result.status = evaluator.stopped() ? FitStatus::interrupted
                     : best.summary.IsSolutionUsable() && best.summary.termination_type != ceres::NO_CONVERGENCE
                         ? FitStatus::converged
@@ -596,6 +598,7 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
   const Eigen::MatrixXd& D = last.prediction().derivatives;  // on the fitted scale already
   result.prediction_se = (D * root).rowwise().norm();
 
+  protocol.begin_search();  // for the profiles
   for (size_t j = 0; j < n; ++j) {
     ParameterEstimate& estimate = result.parameters[j];
     const Scale& scale = evaluator.scale(j);
@@ -646,6 +649,7 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
     const bool at_bound = best.q[j] - lower_bound < margin || upper_bound - best.q[j] < margin;
     estimate.explanation = explain(estimate, spread, partner, strongest, at_bound);
   }
+  protocol.end_search();
   result.profiles = cost_so_far();
   return result;
 }

@@ -412,6 +412,14 @@ void LadderProtocol::forget() {
   for (Part& part : parts_) part.protocol->forget();
 }
 
+void LadderProtocol::begin_search() {
+  for (Part& part : parts_) part.protocol->begin_search();
+}
+
+void LadderProtocol::end_search() {
+  for (Part& part : parts_) part.protocol->end_search();
+}
+
 int LadderProtocol::factorisations() const {
   int sum = 0;
   for (const Part& part : parts_) sum += part.protocol->factorisations();

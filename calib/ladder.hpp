@@ -31,6 +31,8 @@ class LadderProtocol final : public Protocol {
   int row_count() const override { return rows_; }
   Prediction predict(const Params& p, const std::vector<int>& free) override;
   void forget() override;
+  void begin_search() override;
+  void end_search() override;
   int factorisations() const override;
 
  private:

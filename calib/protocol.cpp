@@ -144,7 +144,7 @@ void StaticProtocol::solve_condition(Condition& condition, const Params& p, cons
   const Eigen::VectorXd change = condition.solved ? predicted_change(condition, target) : Eigen::VectorXd();
   if (change.size() > 0) {
     equilibrium.start_beyond(condition.u, change, target);
-    total = equilibrium.solve(target, Polish::search);
+    total = equilibrium.solve(target, polish_);
     // A start that is not on the protocol's path may end in a spurious equilibrium with folded elements.
     done = total.status == SolveStatus::converged && smallest_jacobian(scene_.model->mesh(), equilibrium.u()) > 0;
   }
@@ -159,7 +159,7 @@ void StaticProtocol::solve_condition(Condition& condition, const Params& p, cons
       const bool there = equilibrium.has_factor() && equilibrium.p() == parent.p && equilibrium.u() == parent.u;
       if (!there) equilibrium.start_at(parent.u, parent.p);
     }
-    SolveReport report = equilibrium.solve(target);
+    SolveReport report = equilibrium.solve(target, polish_);
     report.factorisations += total.factorisations;
     report.iterations += total.iterations;
     total = report;

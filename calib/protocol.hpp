@@ -28,11 +28,13 @@ class Protocol {
   virtual const Params& nominal() const = 0;
   virtual int row_count() const = 0;
   /// Predicts all rows at `p`, with derivatives with respect to the parameters `free` (table indices) when that is not
-  /// empty. May start from what earlier calls found: that changes the time, not the values; derivatives may then be off
-  /// by some per cent, good enough to search by.
+  /// empty. May start from what earlier calls found: that changes the time, not the answer.
   virtual Prediction predict(const Params& p, const std::vector<int>& free) = 0;
   /// Forgets what earlier calls found: the next prediction goes the protocol's own path from the start.
   virtual void forget() {}
+  /// Between begin_search() and end_search() derivatives may be off by some per cent: good enough to search by.
+  virtual void begin_search() {}
+  virtual void end_search() {}
   /// Matrix factorisations since construction: what predictions cost, whatever the machine. 0 for closed forms.
   virtual int factorisations() const { return 0; }
 };
@@ -75,6 +77,8 @@ class StaticProtocol final : public Protocol {
   int row_count() const override { return static_cast<int>(rows_.size()); }
   Prediction predict(const Params& p, const std::vector<int>& free) override;
   void forget() override;
+  void begin_search() override { polish_ = Polish::search; }
+  void end_search() override { polish_ = Polish::full; }
 
   const Scene& scene() const { return scene_; }
   const std::vector<StaticRow>& rows() const { return rows_; }
@@ -124,6 +128,7 @@ class StaticProtocol final : public Protocol {
   std::vector<Condition> conditions_;
   std::vector<int> condition_of_row_;
   std::vector<Path> paths_;
+  Polish polish_ = Polish::full;
   int factorisations_ = 0, newton_iterations_ = 0;
 };
 
