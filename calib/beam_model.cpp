@@ -858,4 +858,35 @@ BeamBench make_beam_bench(const Experiment& experiment, const Trials& trials) {
   return bench;
 }
 
+std::vector<FreeParameter> start_by_beams(const Experiment& experiment, const Trials& trials,
+                                          std::vector<FreeParameter> free) {
+  if (experiment.mesh.depth_cells > 0) return free;  // a solid's parameters are other ones
+  try {
+    const BeamBench bench = make_beam_bench(experiment, trials);
+    Params p = bench.protocol->nominal();
+    for (const FreeParameter& parameter : free) p[parameter.index] = parameter.start;
+    const Prediction prediction = bench.protocol->predict(p, {});
+    std::vector<Measurement> measurements;
+    for (Measurement m : bench.measurements) {
+      const double error = bench.protocol->stated_error(m.row);
+      if (!std::isfinite(error)) continue;
+      m.sigma = std::hypot(m.sigma, error * prediction.values[m.row]);
+      measurements.push_back(m);
+    }
+    if (measurements.size() < free.size()) return free;
+    FitOptions options;
+    options.profiles = false;
+    options.tolerance = 1e-3;
+    options.stop = experiment.equilibrium.stop;
+    const FitResult rough = fit(*bench.protocol, measurements, free, options);
+    for (size_t j = 0; j < free.size() && rough.status == FitStatus::converged; ++j) {
+      const ParameterEstimate& estimate = rough.parameters[j];
+      if (estimate.verdict == Verdict::well_determined || estimate.verdict == Verdict::weakly_determined)
+        free[j].start = estimate.value;
+    }
+  } catch (const InputError&) {  // not a case for beams
+  }
+  return free;
+}
+
 }  // namespace taut

@@ -80,4 +80,10 @@ struct BeamBench {
 /// laws, self-weight, recordings, other supports, loads and channels.
 BeamBench make_beam_bench(const Experiment& experiment, const Trials& trials);
 
+/// Free parameters with starts from a fit of the beam model, where that describes the experiment and determines them: a
+/// search with a dearer model then begins near its end. Each reading counts with its own sigma and the error that the
+/// model states at the given starts; rows beyond its validity do not count.
+std::vector<FreeParameter> start_by_beams(const Experiment& experiment, const Trials& trials,
+                                          std::vector<FreeParameter> free);
+
 }  // namespace taut

@@ -8,6 +8,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
+#include "calib/beam_model.hpp"
 #include "calib/recordings.hpp"
 #include "calib/simulation.hpp"
 #include "calib/uniaxial.hpp"
@@ -370,9 +371,13 @@ int fit_command(const CommandOptions& options) {
     record.remarks.push_back(session.choice);
   }
   const Stopwatch fit_watch;
+  const std::vector<FreeParameter> start = start_by_beams(session.experiment, session.trials, free);
+  const double beam_seconds = fit_watch.seconds();
   record.fit =
-      fit(session.model(), session.bench.measurements, free,
+      fit(session.model(), session.bench.measurements, start,
           fit_options(options, session.experiment, session.bench.protocol->parameters(), free, progress, "fit"));
+  record.fit.search.seconds += beam_seconds;
+  for (size_t j = 0; j < record.fit.parameters.size(); ++j) record.fit.parameters[j].start = free[j].start;
   record.main =
       as_variant("this fit", session.experiment.mesh, *protocol.scene().model, record.fit, fit_watch.seconds());
   if (record.fit.status == FitStatus::start_failed) {

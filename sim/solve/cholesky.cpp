@@ -51,6 +51,7 @@ struct Cholesky::Implementation {
   std::vector<int> slot;       ///< entry of the given pattern to its place in `ordered`
   std::vector<double> values;  ///< of `ordered`
   cholmod_factor* factor = nullptr;
+  cholmod_dense *solution = nullptr, *workspace[2] = {};  ///< kept from solve to solve
   int factorisations = 0;
 
   explicit Implementation(const SparsePattern& pattern) {
@@ -65,6 +66,7 @@ struct Cholesky::Implementation {
     order(pattern);
   }
   ~Implementation() {
+    for (cholmod_dense** dense : {&solution, &workspace[0], &workspace[1]}) cholmod_free_dense(dense, &common);
     cholmod_free_factor(&factor, &common);
     cholmod_finish(&common);
   }
@@ -160,11 +162,11 @@ Eigen::MatrixXd Cholesky::solve(const Eigen::MatrixXd& b) const {
   B.xtype = CHOLMOD_REAL;
   B.dtype = CHOLMOD_DOUBLE;
   const Serial alone;
-  cholmod_dense* X = cholmod_solve(CHOLMOD_A, self.factor, &B, &self.common);
-  if (X == nullptr) throw std::runtime_error("CHOLMOD could not solve");
-  const Eigen::Map<const Eigen::MatrixXd> ordered(static_cast<const double*>(X->x), b.rows(), b.cols());
+  if (cholmod_solve2(CHOLMOD_A, self.factor, &B, nullptr, &self.solution, nullptr, &self.workspace[0],
+                     &self.workspace[1], &self.common) == 0)
+    throw std::runtime_error("CHOLMOD could not solve");
+  const Eigen::Map<const Eigen::MatrixXd> ordered(static_cast<const double*>(self.solution->x), b.rows(), b.cols());
   for (Eigen::Index i = 0; i < b.rows(); ++i) x.row(i) = ordered.row(self.place[static_cast<size_t>(i)]);
-  cholmod_free_dense(&X, &self.common);
   return x;
 }
 

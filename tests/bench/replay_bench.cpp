@@ -2,6 +2,7 @@
 
 #include <chrono>
 
+#include "calib/beam_model.hpp"
 #include "calib/fit.hpp"
 #include "sim/solve/cholesky.hpp"
 #include "tests/support/push_puppet.hpp"
@@ -58,7 +59,8 @@ BENCHMARK(ReplayQuadraticFine)->Unit(benchmark::kMillisecond);
 void FitOfTheBench(benchmark::State& state) {
   use_one_blas_thread();
   const Experiment e = read_experiment(TAUT_SOURCE_DIR "/experiments/push_puppet/experiment.toml");
-  const StaticBench bench = make_static_bench(e, e.mesh, read_trials(e.bench));
+  const Trials trials = read_trials(e.bench);
+  const StaticBench bench = make_static_bench(e, e.mesh, trials);
   const std::vector<FreeParameter> free = free_parameters(e, *bench.protocol);
   FitOptions options;
   options.profiles = false;
@@ -68,7 +70,9 @@ void FitOfTheBench(benchmark::State& state) {
     bench.protocol->forget();
     replays = std::min(replays, seconds_of([&] { bench.protocol->predict(bench.protocol->nominal(), {}); }));
     bench.protocol->forget();
-    fits = std::min(fits, seconds_of([&] { result = fit(*bench.protocol, bench.measurements, free, options); }));
+    fits = std::min(fits, seconds_of([&] {
+                      result = fit(*bench.protocol, bench.measurements, start_by_beams(e, trials, free), options);
+                    }));
   }
   state.counters["fit_factorisations"] = result.search.factorisations;
   state.counters["evaluations"] = result.evaluations;

@@ -314,5 +314,19 @@ TEST(BeamModel, WhatItCannotDescribeIsRefusedInOneSentence) {
   refused([](Experiment& e) { e.cables.cables[0].points[1][0] += 1e-4; }, {"'upper'", "own cables"}, true);
 }
 
+TEST(BeamModel, StartsAFitNearItsEndAndLeavesAloneWhatItDoesNotDescribe) {
+  Experiment e = read_experiment(TAUT_SOURCE_DIR "/experiments/foam_cantilever/experiment.toml");
+  const Trials trials = read_trials(e.bench);
+  const StaticBench bench = make_static_bench(e, e.mesh, trials);
+  const std::vector<FreeParameter> free = free_parameters(e, *bench.protocol), start = start_by_beams(e, trials, free);
+  const FitResult result = fit(*bench.protocol, bench.measurements, free);
+  ASSERT_EQ(result.status, FitStatus::converged);
+  EXPECT_GT(std::abs(free[0].start / result.parameters[0].value - 1), 1) << "the file's own start is far off";
+  EXPECT_NEAR(start[0].start / result.parameters[0].value, 1, 0.05);
+  EXPECT_EQ(start[0].lower, free[0].lower);
+  e.channels[0].on = "xmin";
+  EXPECT_EQ(start_by_beams(e, trials, free)[0].start, free[0].start);
+}
+
 }  // namespace
 }  // namespace taut::test
