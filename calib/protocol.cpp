@@ -140,13 +140,15 @@ void StaticProtocol::solve_condition(Condition& condition, const Params& p, cons
   Params target = p;
   for (size_t k = 0; k < controls_.size(); ++k) target[controls_[k]] = condition.controls[k];
   SolveReport total;
+  double smallest = 0;  // Jacobian at the state found
   bool done = false;
   const Eigen::VectorXd change = condition.solved ? predicted_change(condition, target) : Eigen::VectorXd();
   if (change.size() > 0) {
     equilibrium.start_beyond(condition.u, change, target);
     total = equilibrium.solve(target, polish_);
     // A start that is not on the protocol's path may end in a spurious equilibrium with folded elements.
-    done = total.status == SolveStatus::converged && smallest_jacobian(scene_.model->mesh(), equilibrium.u()) > 0;
+    if (total.status == SolveStatus::converged) smallest = smallest_jacobian(scene_.model->mesh(), equilibrium.u());
+    done = smallest > 0;
   }
   if (!done && total.status != SolveStatus::interrupted) {
     if (condition.parent < 0) {
@@ -168,7 +170,7 @@ void StaticProtocol::solve_condition(Condition& condition, const Params& p, cons
   if (total.status != SolveStatus::converged) return;  // what was solved before stays as a start for the next try
   condition.p = target;
   condition.u = equilibrium.u();
-  condition.smallest_jacobian = smallest_jacobian(scene_.model->mesh(), condition.u);
+  condition.smallest_jacobian = done ? smallest : smallest_jacobian(scene_.model->mesh(), condition.u);
   condition.solved = condition.smallest_jacobian > 0;  // a folded state is no start for other parameters
   condition.sensitivity_of = free;
   condition.sensitivities = free.empty() ? Eigen::MatrixXd() : equilibrium.sensitivities(free);

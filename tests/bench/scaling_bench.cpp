@@ -55,7 +55,6 @@ void module_of(benchmark::State& state, double size) {
     equilibrium.refactorise();
     state.counters["sensitivities"] = milliseconds(times, [&] { equilibrium.sensitivities(parameters); });
     state.counters["solve"] = solve;  // two states: retracted, and with the mass hung
-    state.counters["factorisations"] = bench.protocol->factorisations() / static_cast<double>(state.iterations());
   }
 }
 
