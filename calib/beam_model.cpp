@@ -524,9 +524,11 @@ double BeamProtocol::Chain::stated_error(const Eigen::VectorXd& x, const Params&
   const Span& first = spans.front();
   if (first.bonded < 2) {
     const double turned = x[x.size() - 1], length = first.length * static_cast<double>(spans.size());
+    if (length < first.height || p[nu] > 0.45) return infinity;
     return 0.01 + 0.15 * first.height / length * turned * turned;
   }
   const double slenderness = first.length / first.height, poisson = p[nu];
+  if (slenderness < 0.2 || slenderness > 1 || poisson > 0.45) return infinity;
   // What bonding can add to the modulus, M/E' - 1.
   const double excess = poisson * poisson / (plane_stress ? 1 - poisson * poisson : 1 - 2 * poisson);
   double compression = 0;

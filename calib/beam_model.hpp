@@ -11,7 +11,6 @@ namespace taut {
 /// Timoshenko beam, in equilibrium under loads, cables and lips that meet. It takes
 ///
 ///   * a push_puppet: base plate (clamped), webs and tip plate are bodies, the foam of each cell is a span bonded to
-///   two
 ///     of them; the module's own cables run through their via points, lips press on each other at their end faces;
 ///   * a rectangle clamped on one side and loaded on the opposite one: six bodies without thickness.
 ///
@@ -58,7 +57,7 @@ class BeamProtocol final : public Protocol {
   ///
   /// for L/h from 0.2 to 1 and nu up to 0.45 (in the reference module, open, the error is 1 to 2 %); compression eats
   /// up the stiffness of slender spans, and beyond a quarter foam folds onto webs and lips. +inf when both lips of a
-  /// cell are closed. Rectangle, L/h at least 1, whose end turned by theta: 0.01 + 0.15 (h/L) theta^2.
+  /// cell are closed. Rectangle, L/h at least 1, nu up to 0.45, whose end turned by theta: 0.01 + 0.15 (h/L) theta^2.
   double stated_error(int row) const { return errors_[static_cast<size_t>(row)]; }
   /// Three per body: 12 in the reference module.
   int unknowns() const;

@@ -193,6 +193,15 @@ class StopCallback final : public ceres::IterationCallback {
   double tolerance_;
 };
 
+/// Lets a protocol search while it lives.
+struct Search {
+  Protocol& protocol;
+  explicit Search(Protocol& searching) : protocol(searching) { protocol.begin_search(); }
+  Search(const Search&) = delete;
+  Search& operator=(const Search&) = delete;
+  ~Search() { protocol.end_search(); }
+};
+
 struct Minimum {
   ceres::Solver::Summary summary;
   std::vector<double> q;
@@ -516,12 +525,14 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
   Evaluator last(protocol, measurements, free, options);
   for (int round = 0; round < 3; ++round) {
     last.reset();
-    protocol.begin_search();
-    const bool near = round > 0 || step_in_compliance(evaluator, free, best.q);
-    best = minimise(evaluator, free, measurements.size(), best.q, -1, near ? undamped : damped, options);
+    {
+      const Search search(protocol);
+      const bool near = round > 0 || step_in_compliance(evaluator, free, best.q);
+      best = minimise(evaluator, free, measurements.size(), best.q, -1, near ? undamped : damped, options);
+    }
     result.iterations += std::max(0, static_cast<int>(best.summary.iterations.size()) - 1);
-    result.message = best.summary.message;
-    protocol.end_search();
+    result.message = best.summary.termination_type == ceres::USER_SUCCESS ? "a further step promises nothing more"
+                                                                          : best.summary.message;
     result.status = evaluator.stopped() ? FitStatus::interrupted
                     : best.summary.IsSolutionUsable() && best.summary.termination_type != ceres::NO_CONVERGENCE
                         ? FitStatus::converged
@@ -536,9 +547,10 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
       break;
     }
     const double again = last.residuals().squaredNorm();
-    // The same again, or within a thirtieth of a standard error of the optimum on the protocol's own path.
-    if (std::abs(again - best.chi_squared) <= 1e-6 * (1 + best.chi_squared) ||
-        promised_decrease(last, free, best.q, last.residuals(), last.jacobian(), -1) <= std::max(1e-3, 1e-5 * again))
+    // The same again, or nearly, and within a thirtieth of a standard error of the optimum on the protocol's own path.
+    const double apart = std::abs(again - best.chi_squared) / (1 + best.chi_squared);
+    if (apart <= 1e-6 || (apart <= 1e-2 && promised_decrease(last, free, best.q, last.residuals(), last.jacobian(),
+                                                             -1) <= std::max(1e-3, 1e-5 * again)))
       break;
     evaluator.reset();
     if (round == 2) {
@@ -598,7 +610,7 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
   const Eigen::MatrixXd& D = last.prediction().derivatives;  // on the fitted scale already
   result.prediction_se = (D * root).rowwise().norm();
 
-  protocol.begin_search();  // for the profiles
+  const Search profiles(protocol);
   for (size_t j = 0; j < n; ++j) {
     ParameterEstimate& estimate = result.parameters[j];
     const Scale& scale = evaluator.scale(j);
@@ -649,7 +661,6 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
     const bool at_bound = best.q[j] - lower_bound < margin || upper_bound - best.q[j] < margin;
     estimate.explanation = explain(estimate, spread, partner, strongest, at_bound);
   }
-  protocol.end_search();
   result.profiles = cost_so_far();
   return result;
 }

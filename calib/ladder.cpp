@@ -208,7 +208,7 @@ std::vector<LadderProtocol::Part> make_parts(const Rows& rows, const Experiment&
     }
     Experiment as = experiment;
     as.model = rung;
-    const MeshSettings mesh = rung == Rung::solid ? deepened(as.geometry, as.mesh) : as.mesh;
+    const MeshSettings mesh = rung == Rung::solid ? deepened(as, as.mesh) : as.mesh;
     if (idle) part.watch = make_static_bench(as, mesh, rows.of(chosen));
     as.contact.idle = idle;
     StaticBench bench = make_static_bench(as, mesh, rows.of(chosen));
@@ -250,7 +250,7 @@ std::set<int> lightest(const Rows& rows, const std::set<int>& some) {
 std::string try_solid(const Rows& rows, const std::set<int>& doubtful, const std::vector<double>& values,
                       Ladder& ladder) {
   const Experiment& experiment = rows.experiment;
-  const MeshSettings own = deepened(experiment.geometry, experiment.mesh);
+  const MeshSettings own = deepened(experiment, experiment.mesh);
   const StaticBench whole = make_static_bench(experiment, own, rows.of(doubtful));
   const int unknowns = whole.protocol->scene().model->free_unknowns();
   double largest = 0;
@@ -272,7 +272,7 @@ std::string try_solid(const Rows& rows, const std::set<int>& doubtful, const std
   }
   const MeshSettings coarse = refined(experiment.mesh, experiment.geometry, 0.5);
   const std::set<int> light = lightest(rows, doubtful);
-  const MeshSettings coarse_solid = deepened(experiment.geometry, coarse);
+  const MeshSettings coarse_solid = deepened(experiment, coarse);
   const int coarse_unknowns =
       make_static_bench(experiment, coarse_solid, rows.of(light)).protocol->scene().model->free_unknowns();
   if (coarse_unknowns > most_coarse_unknowns) {
@@ -343,7 +343,14 @@ std::string_view name_of(Rung rung) {
   return "";
 }
 
-MeshSettings deepened(const GeometrySettings& geometry, MeshSettings mesh) {
+MeshSettings deepened(const Experiment& experiment, MeshSettings mesh) {
+  const GeometrySettings& geometry = experiment.geometry;
+  if (geometry.dimension != 2 || (mesh.size <= 0 && mesh.cells.empty())) {
+    throw InputError(
+        fmt::format("{}: model: a solid is swept from a plane section whose mesh has a size or cells, and a {} "
+                    "in {}D is none; use \"full\"",
+                    experiment.path, geometry.kind, geometry.dimension));
+  }
   const double along = mesh.size > 0 ? mesh.size : geometry.size[0] / mesh.cells[0];
   mesh.depth_cells = std::clamp(static_cast<int>(std::ceil(0.5 * geometry.thickness / along)), 2, 8);
   return mesh;
@@ -393,8 +400,10 @@ Prediction LadderProtocol::predict(const Params& p, const std::vector<int>& free
   for (Part& part : parts_) {
     std::vector<Eigen::Index> column;
     Prediction some = ask(*part.protocol, parameters_, p, free, column);
-    if (part.watch.protocol != nullptr && touches(part)) {
+    if (part.watch.protocol != nullptr && (!some.complete() || touches(part))) {
+      factorisations_before_ += part.protocol->factorisations();
       part.protocol = std::move(part.watch.protocol);
+      if (searching_) part.protocol->begin_search();
       some = ask(*part.protocol, parameters_, p, free, column);
     }
     for (size_t r = 0; r < part.rows.size(); ++r) {
@@ -413,17 +422,24 @@ void LadderProtocol::forget() {
 }
 
 void LadderProtocol::begin_search() {
+  searching_ = true;
   for (Part& part : parts_) part.protocol->begin_search();
 }
 
 void LadderProtocol::end_search() {
+  searching_ = false;
   for (Part& part : parts_) part.protocol->end_search();
 }
 
 int LadderProtocol::factorisations() const {
-  int sum = 0;
+  int sum = factorisations_before_;
   for (const Part& part : parts_) sum += part.protocol->factorisations();
   return sum;
+}
+
+int LadderProtocol::idle_parts() const {
+  return static_cast<int>(
+      std::count_if(parts_.begin(), parts_.end(), [](const Part& part) { return part.watch.protocol != nullptr; }));
 }
 
 Ladder climb(const Experiment& experiment, const Trials& trials, const StaticBench& full) {
@@ -562,6 +578,18 @@ Ladder climb(const Experiment& experiment, const Trials& trials, const StaticBen
     solid_remark = fmt::format("plane stress and plane strain differ by at most {}{}{}", percent(widest),
                                solid_remark.empty() ? "" : ", and ", solid_remark);
   }
+  const bool solid =
+      std::any_of(ladder.rows.begin(), ladder.rows.end(), [](const RowChoice& row) { return row.rung == Rung::solid; });
+  for (const FreeSettings& free : experiment.free) {
+    if (solid && free.id == "thickness")
+      throw InputError(
+          fmt::format("{}: [fit.free.thickness]: some rows need the solid, whose thickness is its mesh; fix it, "
+                      "or set model = \"full\"",
+                      experiment.path));
+  }
+  const auto failed = std::count_if(values.begin(), values.end(), [](double value) { return !std::isfinite(value); });
+  if (failed > 0)
+    solid_remark += fmt::format("{}{} rows have no equilibrium", solid_remark.empty() ? "" : "; ", failed);
   ladder.seconds = seconds_since(start);
   ladder.sentence = describe(ladder, tolerance, solid_remark);
   return ladder;

@@ -34,12 +34,16 @@ class LadderProtocol final : public Protocol {
   void begin_search() override;
   void end_search() override;
   int factorisations() const override;
+  /// Parts that look for no contact at present.
+  int idle_parts() const;
 
  private:
   ParameterTable parameters_;
   Params nominal_;
   int rows_;
   std::vector<Part> parts_;
+  bool searching_ = false;
+  int factorisations_before_ = 0;  ///< by protocols that others took the place of
 };
 
 /// What a rung took to predict the rows that it was asked for, at the values that the file gives.
@@ -70,8 +74,9 @@ struct Ladder {
   std::string sentence;       ///< what was chosen, why, and what it saves, for people
 };
 
-/// The mesh of a solid whose elements are about as long across its thickness as along it, at least two.
-MeshSettings deepened(const GeometrySettings& geometry, MeshSettings mesh);
+/// The mesh of a solid whose elements are about as long across its thickness as along it, at least two. Throws
+/// InputError for geometries that are no plane sections or whose element size is not known.
+MeshSettings deepened(const Experiment& experiment, MeshSettings mesh);
 
 /// Climbs the rungs of an experiment at rest until the next one changes no row by more than experiment.tolerance, at
 /// the values that its file gives. Rows of one path (one retraction) share a rung, the highest that any of them needs;

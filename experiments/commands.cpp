@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "calib/beam_model.hpp"
+#include "calib/ladder.hpp"
 #include "calib/recordings.hpp"
 #include "calib/simulation.hpp"
 #include "calib/uniaxial.hpp"
@@ -176,7 +177,9 @@ VariantRecord fit_variant(const Session& session, const VariantSettings& variant
                           const CommandOptions& options, Progress& progress) {
   const Stopwatch watch;
   try {
-    const StaticBench bench = make_static_bench(session.experiment, variant.mesh, session.trials);
+    const MeshSettings mesh =
+        session.experiment.model == Rung::solid ? deepened(session.experiment, variant.mesh) : variant.mesh;
+    const StaticBench bench = make_static_bench(session.experiment, mesh, session.trials);
     std::vector<FreeParameter> free = free_parameters(session.experiment, *bench.protocol);
     for (size_t j = 0; j < free.size(); ++j) free[j].start = main.parameters[j].value;
     FitOptions how = fit_options(options, session.experiment, session.bench.protocol->parameters(), free, progress,
@@ -376,6 +379,11 @@ int fit_command(const CommandOptions& options) {
   record.fit =
       fit(session.model(), session.bench.measurements, start,
           fit_options(options, session.experiment, session.bench.protocol->parameters(), free, progress, "fit"));
+  if (record.fit.status == FitStatus::start_failed && start.front().start != free.front().start) {
+    record.fit =
+        fit(session.model(), session.bench.measurements, free,
+            fit_options(options, session.experiment, session.bench.protocol->parameters(), free, progress, "fit"));
+  }
   record.fit.search.seconds += beam_seconds;
   for (size_t j = 0; j < record.fit.parameters.size(); ++j) record.fit.parameters[j].start = free[j].start;
   record.main =
@@ -404,7 +412,7 @@ int fit_command(const CommandOptions& options) {
   if (!interrupted(options) && record.fit.predicted.size() > 0) {  // empty: the optimum could not be replayed
     fill_predictions(record, session.bench, record.fit.predicted, record.fit.prediction_se);
     progress.show("drawing curves");
-    record.curves = make_curves(session, record.fit.p, free, record.fit.covariance);
+    if (!session.rungs) record.curves = make_curves(session, record.fit.p, free, record.fit.covariance);
     record.shapes = make_shapes(session, folder, record.shape_axes);
     for (const std::string& warning : warnings_after(protocol)) record.remarks.push_back(warning);
     const bool asked = session.experiment.mesh_share && session.experiment.model == Rung::full;
@@ -413,9 +421,12 @@ int fit_command(const CommandOptions& options) {
                                             [&](const std::string& what) { progress.show(what); });
       if (interrupted(options)) record.shares.clear();
     }
-    if (session.experiment.diagnostic) record.diagnostics = diagnose(session, record.fit, options, progress);
+    if (session.experiment.diagnostic && !session.rungs)
+      record.diagnostics = diagnose(session, record.fit, options, progress);
   }
-  if (options.variants) {
+  if (session.rungs)
+    record.remarks.emplace_back("curves, variants and diagnostics need one model for all rows: left out");
+  if (options.variants && !session.rungs) {
     for (const VariantSettings& variant : session.experiment.variants) {
       if (interrupted(options)) break;
       progress.show("variant " + variant.name);
@@ -477,6 +488,13 @@ int predict_command(const CommandOptions& options) {
       trials.readings.push_back(reading);
     }
   }
+  if (experiment.model == Rung::beam || experiment.model == Rung::automatic) {
+    throw InputError(
+        fmt::format("{}: was fitted with model = \"{}\", and predictions are made by finite elements of one kind; "
+                    "fit again with \"full\", \"rigid_segments\" or \"solid\"",
+                    options.target, name_of(experiment.model)));
+  }
+  if (experiment.model == Rung::solid) experiment.mesh = deepened(experiment, experiment.mesh);
   const StaticBench bench = make_static_bench(experiment, experiment.mesh, trials);
   StaticProtocol& protocol = *bench.protocol;
   Params p = protocol.nominal();

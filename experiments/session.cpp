@@ -52,7 +52,7 @@ Session open_session(const CommandOptions& options) {
   if (options.threads > 0) session.experiment.threads = options.threads;
   session.trials = read_trials(session.experiment.bench);
   Experiment& experiment = session.experiment;
-  if (experiment.model == Rung::solid) experiment.mesh = deepened(experiment.geometry, experiment.mesh);
+  if (experiment.model == Rung::solid) experiment.mesh = deepened(experiment, experiment.mesh);
   session.bench = make_static_bench(experiment, experiment.mesh, session.trials);
   if (experiment.model == Rung::beam) session.rungs = make_beam_bench(experiment, session.trials).protocol;
   if (experiment.model == Rung::automatic) {
@@ -74,9 +74,19 @@ std::string compare_models(const Session& session, const Params& p, const Eigen:
     if (full.values[r] != 0 && std::isfinite(full.values[r] + values[r]))
       largest = std::max(largest, std::abs(values[r] / full.values[r] - 1));
   }
+  std::string doubt;
+  if (const auto* beams = dynamic_cast<const BeamProtocol*>(session.rungs.get())) {
+    int rows = 0;
+    for (int row = 0; row < beams->row_count(); ++row) rows += beams->stated_error(row) <= 0.1 ? 0 : 1;
+    if (rows > 0)
+      doubt = fmt::format("; {} of {} rows are beyond what a chain of beams describes within 10 %", rows,
+                          beams->row_count());
+  }
+  const auto failed = std::count_if(values.begin(), values.end(), [](double value) { return !std::isfinite(value); });
+  if (failed > 0) doubt += fmt::format("; {} rows have no equilibrium", failed);
   return fmt::format(
-      "a replay by the chosen models takes {:.2g} s, by the full one {:.2g} s; they differ by at most {:.2g} %",
-      seconds, took, 100 * largest);
+      "a replay by the chosen models takes {:.2g} s, by the full one {:.2g} s; they differ by at most {:.2g} %{}",
+      seconds, took, 100 * largest, doubt);
 }
 
 Progress::Progress(bool quiet) : quiet_(quiet), terminal_(isatty(STDERR_FILENO) != 0) {}

@@ -37,7 +37,7 @@ extern "C" __attribute__((visibility("default"))) void GOMP_parallel(void (*regi
   if (taut::serial) return region(data);
   using Parallel = void (*)(void (*)(void*), void*, unsigned, unsigned);
   static const auto libgomp = reinterpret_cast<Parallel>(dlsym(RTLD_NEXT, "GOMP_parallel"));
-  libgomp(region, data, threads, flags);
+  libgomp == nullptr ? region(data) : libgomp(region, data, threads, flags);
 }
 
 namespace taut {

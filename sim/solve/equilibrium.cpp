@@ -164,10 +164,12 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
       if (next.energy <= energy.energy + noise) u = trial;
       return {SolveStatus::converged, exact};
     }
-    if (polish_ == Polish::search && exact && fraction == 1 && next.energy <= energy.energy &&
-        refine(trial, p, 0.1 * size)) {
-      u = trial;
-      return {SolveStatus::converged, true};
+    if (polish_ == Polish::search && exact && fraction == 1 && next.energy <= energy.energy) {
+      Eigen::VectorXd refined = trial;
+      if (refine(refined, p, 0.1 * size)) {
+        u = refined;
+        return {SolveStatus::converged, true};
+      }
     }
     if (!on_trust) reference = {u, step, energy, slope, fraction};
     const bool armijo = options_.line_search == LineSearch::armijo;
@@ -208,7 +210,11 @@ bool Equilibrium::refine(Eigen::VectorXd& u, const Params& p, double largest_ste
     double fraction = 1;
     u = motion(p).admissible(u, hessian_.reduction().extend_from_free(u, step), p, fraction);
     if (fraction < 1) return false;
-    if (0.1 * size <= tolerance) return true;
+    if (0.1 * size <= tolerance) {
+      Assembly out;
+      model_->evaluate(at(u, p), out);
+      return std::isfinite(out.energy);
+    }
     largest_step = 0.1 * size;
   }
   return false;

@@ -48,7 +48,6 @@ class Hessian {
   void reduce(const Point& at, Curvature curvature, const Eigen::VectorXd& gradient,
               const std::vector<double>& weights);
   void set_pattern(std::vector<Place> extra);
-  int slot_of(int row, int column) const;
 
   const Model* model_;
   Reduction reduction_;

@@ -35,6 +35,9 @@ TimeStepper::TimeStepper(const Model& model, TimeStepperOptions options)
     : model_(&model), options_(options), minimiser_(model, options.equilibrium), next_step_(options.step) {
   if (!(options.step > 0) || options.tolerance < 0 || !(options.shortest > 0))
     throw std::logic_error("a time stepper needs a positive step, and a tolerance of zero or more");
+  for (const Body& body : model.bodies()) {
+    if (body.rigid()) throw std::logic_error("rigid regions are for statics");
+  }
 }
 
 void TimeStepper::start(double t, const Eigen::VectorXd& u, const Eigen::VectorXd& v, const Schedule& schedule) {

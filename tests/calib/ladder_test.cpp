@@ -166,6 +166,7 @@ TEST(Ladder, ContactIsLookedForOnlyOnceAGapCloses) {
   const ParameterTable& table = result.full.protocol->parameters();
   Params open = result.full.protocol->nominal(), closed = open;
   closed[table.index("slack")] = -13e-3;  // as much as further retraction
+  EXPECT_EQ(result.ladder.protocol->idle_parts(), 1);
   for (const Params& p : {open, closed, open}) {
     const Prediction expected = with.protocol->predict(p, {}), found = result.ladder.protocol->predict(p, {});
     ASSERT_TRUE(found.complete());
@@ -173,6 +174,7 @@ TEST(Ladder, ContactIsLookedForOnlyOnceAGapCloses) {
   }
   const double gap = with.protocol->nominal()[with.protocol->parameters().index("contact_gap")];
   with.protocol->predict(closed, {});
+  EXPECT_EQ(result.ladder.protocol->idle_parts(), 0);
   EXPECT_LT(with.contact->smallest_distance(with.protocol->conditions()[0].u, gap), gap) << "lips do meet";
 }
 
