@@ -11,7 +11,7 @@ namespace taut {
 /// Timoshenko beam, in equilibrium under loads, cables and lips that meet. It takes
 ///
 ///   * a push_puppet: base plate (clamped), webs and tip plate are bodies, the foam of each cell is a span bonded to
-///     of them; the module's own cables run through their via points, lips press on each other at their end faces;
+///     two of them; the module's own cables run through their via points, lips press on each other at their end faces;
 ///   * a rectangle clamped on one side and loaded on the opposite one: six bodies without thickness.
 ///
 /// Between two bodies that moved apart by e along the direction half way between theirs, by s across it, and turned by
