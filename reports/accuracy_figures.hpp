@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "calib/accuracy.hpp"
+#include "calib/studies/accuracy.hpp"
 #include "reports/report.hpp"
 
 namespace taut {

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "calib/units.hpp"
+#include "sim/core/units.hpp"
 
 namespace taut {
 namespace {

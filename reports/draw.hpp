@@ -1,7 +1,7 @@
 #pragma once
 #include <string>
 
-#include "calib/experiment.hpp"
+#include "calib/files/experiment.hpp"
 #include "reports/report.hpp"
 
 namespace taut {

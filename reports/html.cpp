@@ -7,7 +7,7 @@
 #include <map>
 #include <string_view>
 
-#include "calib/units.hpp"
+#include "sim/core/units.hpp"
 
 namespace taut::html {
 namespace {

@@ -4,9 +4,9 @@
 #include <cmath>
 #include <limits>
 
-#include "calib/units.hpp"
 #include "reports/diagnostic.hpp"
 #include "reports/figures.hpp"
+#include "sim/core/units.hpp"
 
 namespace taut::plot {
 namespace {

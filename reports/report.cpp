@@ -6,10 +6,10 @@
 #include <cmath>
 #include <filesystem>
 
-#include "calib/units.hpp"
 #include "reports/diagnostic.hpp"
 #include "reports/figures.hpp"
 #include "reports/html.hpp"
+#include "sim/core/units.hpp"
 
 namespace taut {
 namespace {

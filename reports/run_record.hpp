@@ -5,8 +5,8 @@
 #include <utility>
 #include <vector>
 
-#include "calib/discretisation.hpp"
-#include "calib/fit.hpp"
+#include "calib/fit/fit.hpp"
+#include "calib/studies/discretisation.hpp"
 
 namespace taut {
 

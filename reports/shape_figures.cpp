@@ -5,8 +5,8 @@
 #include <limits>
 #include <map>
 
-#include "calib/units.hpp"
 #include "reports/figures.hpp"
+#include "sim/core/units.hpp"
 
 namespace taut::plot {
 

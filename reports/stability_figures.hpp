@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "calib/stability.hpp"
+#include "calib/studies/stability.hpp"
 #include "reports/report.hpp"
 
 namespace taut {

@@ -5,7 +5,7 @@
 #include <string_view>
 #include <vector>
 
-#include "sim/core/model.hpp"
+#include "sim/model/model.hpp"
 #include "sim/solve/hessian.hpp"
 #include "sim/solve/motion.hpp"
 

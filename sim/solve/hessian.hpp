@@ -4,7 +4,7 @@
 #include <optional>
 #include <vector>
 
-#include "sim/core/model.hpp"
+#include "sim/model/model.hpp"
 #include "sim/solve/cholesky.hpp"
 #include "sim/solve/reduction.hpp"
 

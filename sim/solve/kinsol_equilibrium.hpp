@@ -2,7 +2,7 @@
 #include <Eigen/Core>
 #include <string>
 
-#include "sim/core/model.hpp"
+#include "sim/model/model.hpp"
 #include "sim/solve/equilibrium.hpp"
 
 namespace taut {

@@ -2,7 +2,7 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "sim/core/model.hpp"
+#include "sim/model/model.hpp"
 
 namespace taut {
 

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <vector>
 
-#include "sim/core/model.hpp"
+#include "sim/model/model.hpp"
 
 namespace taut {
 

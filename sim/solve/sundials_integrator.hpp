@@ -5,7 +5,7 @@
 #include <string_view>
 #include <vector>
 
-#include "sim/core/model.hpp"
+#include "sim/model/model.hpp"
 #include "sim/solve/time_stepper.hpp"
 
 namespace taut {

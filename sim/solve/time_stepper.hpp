@@ -3,7 +3,7 @@
 #include <functional>
 #include <vector>
 
-#include "sim/core/model.hpp"
+#include "sim/model/model.hpp"
 #include "sim/solve/equilibrium.hpp"
 
 namespace taut {

@@ -6,7 +6,7 @@
 #include <limits>
 
 #include "sim/core/error.hpp"
-#include "sim/terms/load.hpp"
+#include "sim/mesh/weights.hpp"
 
 namespace taut {
 namespace {

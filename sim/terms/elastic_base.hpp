@@ -1,8 +1,8 @@
 #pragma once
 #include <memory>
 
-#include "sim/core/term.hpp"
 #include "sim/mesh/mesh.hpp"
+#include "sim/model/term.hpp"
 
 namespace taut {
 

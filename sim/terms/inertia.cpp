@@ -5,7 +5,7 @@
 #include <limits>
 
 #include "sim/mesh/shape_functions.hpp"
-#include "sim/terms/load.hpp"
+#include "sim/mesh/weights.hpp"
 
 namespace taut {
 namespace {

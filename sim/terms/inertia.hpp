@@ -3,8 +3,8 @@
 #include <memory>
 #include <vector>
 
-#include "sim/core/term.hpp"
 #include "sim/mesh/mesh.hpp"
+#include "sim/model/term.hpp"
 
 namespace taut {
 

@@ -4,9 +4,9 @@
 #include <string>
 #include <vector>
 
-#include "sim/core/channel.hpp"
-#include "sim/core/term.hpp"
 #include "sim/mesh/mesh.hpp"
+#include "sim/model/channel.hpp"
+#include "sim/model/term.hpp"
 
 namespace taut {
 

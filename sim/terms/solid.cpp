@@ -376,17 +376,4 @@ double smallest_jacobian(const Mesh& mesh, const Eigen::VectorXd& u) {
   });
 }
 
-std::vector<double> element_measures(const Mesh& mesh) {
-  return with_shape(mesh.shape, [&](auto shape) {
-    std::vector<double> measures;
-    for (int e = 0; e < mesh.element_count(); ++e) {
-      const ElementGeometry<shape> element(mesh, e);
-      double sum = 0;
-      for (double w : element.weight) sum += w;
-      measures.push_back(sum);
-    }
-    return measures;
-  });
-}
-
 }  // namespace taut

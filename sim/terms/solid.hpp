@@ -4,8 +4,8 @@
 #include <string_view>
 #include <vector>
 
-#include "sim/core/term.hpp"
 #include "sim/mesh/mesh.hpp"
+#include "sim/model/term.hpp"
 
 namespace taut {
 
@@ -45,8 +45,5 @@ std::vector<ParameterSpec> material_parameters(std::string_view law);
 /// Smallest J = det F over all quadrature points and nodes of the mesh: <= 0 means that an element has folded, which
 /// quadratic elements can do between their quadrature points.
 double smallest_jacobian(const Mesh& mesh, const Eigen::VectorXd& u);
-
-/// Volume (3D) or area (2D) of each element at rest.
-std::vector<double> element_measures(const Mesh& mesh);
 
 }  // namespace taut

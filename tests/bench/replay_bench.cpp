@@ -2,8 +2,8 @@
 
 #include <chrono>
 
-#include "calib/beam_model.hpp"
-#include "calib/fit.hpp"
+#include "calib/fit/fit.hpp"
+#include "calib/models/beam_model.hpp"
 #include "sim/solve/cholesky.hpp"
 #include "tests/support/push_puppet.hpp"
 

@@ -1,12 +1,13 @@
-#include "calib/accuracy.hpp"
+#include "calib/studies/accuracy.hpp"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <thread>
 
-#include "calib/csv_table.hpp"
+#include "calib/data/csv_table.hpp"
 #include "sim/core/error.hpp"
+#include "sim/files/simulation.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/small_robot.hpp"

@@ -1,4 +1,4 @@
-#include "calib/beam_model.hpp"
+#include "calib/models/beam_model.hpp"
 
 #include <cmath>
 

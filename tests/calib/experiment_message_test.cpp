@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
 
-#include "calib/bench.hpp"
+#include "calib/benches/bench.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"
 

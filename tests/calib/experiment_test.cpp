@@ -1,8 +1,8 @@
-#include "calib/experiment.hpp"
+#include "calib/files/experiment.hpp"
 
 #include <gtest/gtest.h>
 
-#include "calib/bench.hpp"
+#include "calib/benches/bench.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"
 

@@ -1,11 +1,11 @@
-#include "calib/fit.hpp"
+#include "calib/fit/fit.hpp"
 
 #include <gtest/gtest.h>
 
 #include <random>
 
 #include "sim/mesh/structured.hpp"
-#include "sim/terms/load.hpp"
+#include "sim/mesh/weights.hpp"
 #include "tests/support/closed_form_protocol.hpp"
 #include "tests/support/message.hpp"
 

@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
 
-#include "calib/units.hpp"
+#include "sim/core/units.hpp"
 #include "tests/support/closed_form_protocol.hpp"
 #include "tests/support/message.hpp"
 

@@ -1,8 +1,8 @@
-#include "calib/ladder.hpp"
+#include "calib/models/ladder.hpp"
 
 #include <gtest/gtest.h>
 
-#include "calib/fit.hpp"
+#include "calib/fit/fit.hpp"
 #include "tests/support/push_puppet.hpp"
 
 // The selector on problems made so that one rung is the right one, and on the module's bench, against the full model.

@@ -1,9 +1,8 @@
-#include "calib/protocol.hpp"
-
 #include <gtest/gtest.h>
 
+#include "calib/benches/static_protocol.hpp"
 #include "sim/mesh/structured.hpp"
-#include "sim/terms/load.hpp"
+#include "sim/mesh/weights.hpp"
 #include "tests/support/taylor.hpp"
 
 namespace taut {

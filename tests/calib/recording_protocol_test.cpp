@@ -1,13 +1,13 @@
-#include "calib/recording_protocol.hpp"
+#include "calib/benches/recording_protocol.hpp"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <random>
 
-#include "calib/fit.hpp"
+#include "calib/fit/fit.hpp"
 #include "sim/mesh/structured.hpp"
-#include "sim/terms/load.hpp"
+#include "sim/mesh/weights.hpp"
 #include "tests/support/taylor.hpp"
 
 namespace taut {

@@ -1,7 +1,8 @@
-#include "calib/recordings.hpp"
+#include "calib/benches/recordings.hpp"
 
 #include <gtest/gtest.h>
 
+#include "calib/files/recordings_file.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"
 

@@ -1,4 +1,4 @@
-#include "calib/ring_down.hpp"
+#include "calib/data/ring_down.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,9 +1,10 @@
-#include "calib/stability.hpp"
+#include "calib/studies/stability.hpp"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
+#include "sim/files/simulation.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/problems.hpp"

@@ -1,4 +1,4 @@
-#include "calib/trials.hpp"
+#include "calib/data/trials.hpp"
 
 #include <gtest/gtest.h>
 

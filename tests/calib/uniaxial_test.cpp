@@ -1,5 +1,6 @@
-#include "calib/uniaxial.hpp"
+#include "calib/benches/uniaxial.hpp"
 
+#include "calib/files/uniaxial_file.hpp"
 #include "sim/materials/neo_hookean.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <filesystem>
 
-#include "calib/csv_table.hpp"
+#include "calib/data/csv_table.hpp"
 #include "tests/support/experiment_files.hpp"
 
 namespace taut {

@@ -10,7 +10,7 @@
 #include <set>
 #include <sstream>
 
-#include "calib/units.hpp"
+#include "sim/core/units.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/run_records.hpp"
 

@@ -8,8 +8,8 @@
 #include <regex>
 #include <set>
 
-#include "calib/csv_table.hpp"
-#include "calib/units.hpp"
+#include "calib/data/csv_table.hpp"
+#include "sim/core/units.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/simulation_records.hpp"

@@ -1,8 +1,8 @@
-#include "sim/core/channel.hpp"
+#include "sim/model/channel.hpp"
 
 #include <Eigen/Geometry>
 
-#include "sim/terms/load.hpp"
+#include "sim/mesh/weights.hpp"
 #include "tests/support/mesh_checks.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/term_battery.hpp"

@@ -1,13 +1,13 @@
-#include "sim/terms/contact_3d.hpp"
+#include "sim/contact/contact_3d.hpp"
 
 #include <Eigen/Geometry>
 #include <numbers>
 #include <set>
 
-#include "sim/core/scene.hpp"
+#include "sim/contact/contact_geometry.hpp"
+#include "sim/contact/contact_geometry_3d.hpp"
+#include "sim/scene/scene.hpp"
 #include "sim/solve/equilibrium.hpp"
-#include "sim/terms/contact_geometry.hpp"
-#include "sim/terms/contact_geometry_3d.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/term_battery.hpp"
 

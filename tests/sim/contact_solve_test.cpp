@@ -2,12 +2,12 @@
 
 #include <Eigen/Geometry>
 
-#include "sim/core/scene.hpp"
 #include "sim/mesh/structured.hpp"
+#include "sim/mesh/weights.hpp"
+#include "sim/scene/scene.hpp"
 #include "sim/solve/equilibrium.hpp"
 #include "sim/solve/hessian.hpp"
 #include "sim/solve/motion.hpp"
-#include "sim/terms/load.hpp"
 
 // Equilibria with contact, and the parts of the solver that serve them.
 namespace taut::test {

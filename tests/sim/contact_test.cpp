@@ -1,9 +1,9 @@
-#include "sim/terms/contact.hpp"
+#include "sim/contact/contact.hpp"
 
 #include <numbers>
 #include <set>
 
-#include "sim/terms/contact_geometry.hpp"
+#include "sim/contact/contact_geometry.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/term_battery.hpp"
 

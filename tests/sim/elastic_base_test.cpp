@@ -2,7 +2,7 @@
 
 #include <Eigen/Geometry>
 
-#include "sim/terms/load.hpp"
+#include "sim/mesh/weights.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/term_battery.hpp"
 

@@ -2,11 +2,11 @@
 
 #include <gtest/gtest.h>
 
-#include "sim/core/scene.hpp"
-#include "sim/mesh/push_puppet.hpp"
 #include "sim/mesh/structured.hpp"
+#include "sim/mesh/weights.hpp"
+#include "sim/scene/scene.hpp"
+#include "sim/shapes/push_puppet.hpp"
 #include "sim/solve/equilibrium.hpp"
-#include "sim/terms/load.hpp"
 #include "tests/support/mesh_checks.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/term_battery.hpp"

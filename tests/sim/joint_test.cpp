@@ -2,9 +2,9 @@
 
 #include <Eigen/Geometry>
 
-#include "sim/core/scene.hpp"
+#include "sim/mesh/weights.hpp"
+#include "sim/scene/scene.hpp"
 #include "sim/solve/equilibrium.hpp"
-#include "sim/terms/load.hpp"
 #include "tests/support/arm.hpp"
 #include "tests/support/mesh_checks.hpp"
 #include "tests/support/message.hpp"

@@ -4,8 +4,8 @@
 
 #include <algorithm>
 
-#include "sim/mesh/push_puppet.hpp"
 #include "sim/mesh/structured.hpp"
+#include "sim/shapes/push_puppet.hpp"
 #include "tests/support/mesh_checks.hpp"
 #include "tests/support/message.hpp"
 

@@ -1,4 +1,4 @@
-#include "sim/mesh/push_puppet.hpp"
+#include "sim/shapes/push_puppet.hpp"
 
 #include <gtest/gtest.h>
 

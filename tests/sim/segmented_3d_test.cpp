@@ -1,4 +1,4 @@
-#include "sim/mesh/segmented_3d.hpp"
+#include "sim/shapes/segmented_3d.hpp"
 
 #include <gtest/gtest.h>
 

@@ -7,9 +7,9 @@
 #include <cmath>
 #include <functional>
 
-#include "sim/core/scene.hpp"
 #include "sim/mesh/structured.hpp"
-#include "sim/terms/load.hpp"
+#include "sim/mesh/weights.hpp"
+#include "sim/scene/scene.hpp"
 #include "tests/support/message.hpp"
 
 namespace taut::test {

@@ -1,5 +1,6 @@
-#include "sim/core/scene.hpp"
 #include "sim/materials/all.hpp"
+#include "sim/mesh/weights.hpp"
+#include "sim/scene/scene.hpp"
 #include "sim/terms/load.hpp"
 #include "sim/terms/solid.hpp"
 #include "tests/support/mesh_checks.hpp"

@@ -5,9 +5,9 @@
 #include <cmath>
 #include <random>
 
-#include "sim/core/scene.hpp"
 #include "sim/mesh/structured.hpp"
-#include "sim/terms/load.hpp"
+#include "sim/mesh/weights.hpp"
+#include "sim/scene/scene.hpp"
 #include "tests/support/taylor.hpp"
 
 namespace taut {

@@ -3,10 +3,10 @@
 #include <utility>
 #include <vector>
 
-#include "sim/core/scene.hpp"
 #include "sim/mesh/structured.hpp"
+#include "sim/mesh/weights.hpp"
+#include "sim/scene/scene.hpp"
 #include "sim/terms/joint.hpp"
-#include "sim/terms/load.hpp"
 #include "tests/support/mesh_checks.hpp"
 
 // Arms of stiff links along x, 60 mm long and 10 mm wide, which overlap by 10 mm at the joints between them. The first

@@ -5,8 +5,8 @@
 #include <utility>
 #include <vector>
 
-#include "calib/fit.hpp"
-#include "calib/protocol.hpp"
+#include "calib/fit/fit.hpp"
+#include "calib/fit/protocol.hpp"
 
 namespace taut::test {
 

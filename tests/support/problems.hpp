@@ -2,10 +2,10 @@
 #include <string>
 #include <vector>
 
-#include "sim/core/scene.hpp"
 #include "sim/mesh/structured.hpp"
+#include "sim/mesh/weights.hpp"
+#include "sim/scene/scene.hpp"
 #include "sim/solve/equilibrium.hpp"
-#include "sim/terms/load.hpp"
 
 // The plane-strain problems whose answers are tabulated in tests/verification/plane_benchmarks_test.cpp, for tests and
 // benchmarks alike. Each has one control, "force" [N] in all, and the channel "tip": the mean displacement of the

@@ -1,6 +1,6 @@
 #pragma once
-#include "calib/bench.hpp"
-#include "sim/terms/contact.hpp"
+#include "calib/benches/bench.hpp"
+#include "sim/contact/contact.hpp"
 
 // The reference push-puppet module on its bench, for tests and benchmarks: four retractions, four hung masses.
 namespace taut::test {

@@ -4,10 +4,10 @@
 #include <cmath>
 #include <limits>
 
-#include "calib/units.hpp"
 #include "reports/run_record.hpp"
+#include "sim/core/units.hpp"
 #include "sim/mesh/loops.hpp"
-#include "sim/mesh/push_puppet.hpp"
+#include "sim/shapes/push_puppet.hpp"
 
 namespace taut::test {
 

@@ -8,8 +8,8 @@
 #include <utility>
 #include <vector>
 
-#include "sim/core/model.hpp"
 #include "sim/mesh/structured.hpp"
+#include "sim/model/model.hpp"
 #include "sim/terms/solid.hpp"
 #include "tests/support/taylor.hpp"
 

@@ -3,8 +3,9 @@
 #include <cmath>
 #include <numbers>
 
-#include "calib/robot_ik.hpp"
-#include "calib/simulate.hpp"
+#include "sim/files/simulation.hpp"
+#include "sim/robots/robot_ik.hpp"
+#include "sim/robots/simulate.hpp"
 
 namespace taut {
 namespace {

@@ -1,4 +1,4 @@
-#include "sim/terms/contact.hpp"
+#include "sim/contact/contact.hpp"
 
 #include <gtest/gtest.h>
 
@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "sim/mesh/structured.hpp"
+#include "sim/mesh/weights.hpp"
 #include "sim/solve/equilibrium.hpp"
 #include "sim/terms/load.hpp"
 #include "sim/terms/solid.hpp"

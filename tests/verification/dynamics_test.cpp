@@ -3,11 +3,11 @@
 #include <Eigen/Geometry>
 #include <cmath>
 
-#include "sim/core/scene.hpp"
 #include "sim/mesh/structured.hpp"
+#include "sim/mesh/weights.hpp"
+#include "sim/scene/scene.hpp"
 #include "sim/solve/sundials_integrator.hpp"
 #include "sim/solve/time_stepper.hpp"
-#include "sim/terms/load.hpp"
 
 // Motions with known periods, and our steppers against SUNDIALS.
 namespace taut {

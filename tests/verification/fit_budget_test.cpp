@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
 
-#include "calib/fit.hpp"
+#include "calib/fit/fit.hpp"
 #include "tests/support/problems.hpp"
 
 // What a fit costs, counted in factorisations, so that the answer does not depend on the machine.

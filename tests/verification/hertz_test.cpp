@@ -3,10 +3,10 @@
 #include <cmath>
 #include <numbers>
 
-#include "sim/core/scene.hpp"
+#include "sim/contact/contact.hpp"
 #include "sim/mesh/structured.hpp"
+#include "sim/scene/scene.hpp"
 #include "sim/solve/equilibrium.hpp"
-#include "sim/terms/contact.hpp"
 
 // A foam cylinder on a rigid plane against the closed form for line contact (Hertz 1882; Johnson, Contact Mechanics,
 // 1985, section 4.2): F' the force per length, R the radius, E* = E / (1 - nu^2),

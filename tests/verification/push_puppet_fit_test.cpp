@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
 
-#include "calib/beam_model.hpp"
-#include "calib/fit.hpp"
+#include "calib/fit/fit.hpp"
+#include "calib/models/beam_model.hpp"
 #include "tests/support/push_puppet.hpp"
 
 // Calibration of the module: all its parameters from readings, and the cost in cold replays.

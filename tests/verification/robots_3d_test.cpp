@@ -3,11 +3,12 @@
 #include <Eigen/SVD>
 #include <cmath>
 
-#include "calib/simulate.hpp"
-#include "sim/core/scene.hpp"
-#include "sim/mesh/segmented_3d.hpp"
+#include "sim/files/simulation.hpp"
+#include "sim/mesh/weights.hpp"
+#include "sim/robots/simulate.hpp"
+#include "sim/scene/scene.hpp"
+#include "sim/shapes/segmented_3d.hpp"
 #include "sim/solve/equilibrium.hpp"
-#include "sim/terms/load.hpp"
 
 // The robots of experiments/twist and experiments/sheet against geometry and against the strength of materials.
 namespace taut {

@@ -3,7 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "calib/simulate.hpp"
+#include "sim/files/simulation.hpp"
+#include "sim/robots/simulate.hpp"
 
 // The plane scenes under experiments/, from their own files, some of them shortened.
 namespace taut {

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <map>
 
-#include "calib/recordings.hpp"
-#include "calib/ring_down.hpp"
+#include "calib/benches/recordings.hpp"
+#include "calib/data/ring_down.hpp"
 
 namespace taut {
 namespace {

@@ -3,10 +3,10 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "sim/core/scene.hpp"
+#include "sim/contact/contact.hpp"
+#include "sim/scene/scene.hpp"
 #include "sim/solve/equilibrium.hpp"
 #include "sim/terms/cable.hpp"
-#include "sim/terms/contact.hpp"
 #include "sim/terms/load.hpp"
 #include "sim/terms/solid.hpp"
 

@@ -2,11 +2,11 @@
 
 #include <cmath>
 
-#include "sim/core/scene.hpp"
 #include "sim/mesh/structured.hpp"
+#include "sim/mesh/weights.hpp"
+#include "sim/scene/scene.hpp"
 #include "sim/solve/sundials_integrator.hpp"
 #include "sim/solve/time_stepper.hpp"
-#include "sim/terms/load.hpp"
 
 // Where naive methods fail over time: explicit steps beside stiff parts, orders that ring, steps that jump over things,
 // penalties, and the damping of long implicit steps.

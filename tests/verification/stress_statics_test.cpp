@@ -3,7 +3,7 @@
 #include <cmath>
 #include <random>
 
-#include "calib/fit.hpp"
+#include "calib/fit/fit.hpp"
 #include "sim/solve/kinsol_equilibrium.hpp"
 #include "sim/terms/cable.hpp"
 #include "tests/support/arm.hpp"

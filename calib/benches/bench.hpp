@@ -1,0 +1,64 @@
+#pragma once
+#include <map>
+#include <memory>
+#include <vector>
+
+#include "calib/benches/recording_protocol.hpp"
+#include "calib/benches/static_protocol.hpp"
+#include "calib/data/trials.hpp"
+#include "calib/files/experiment.hpp"
+#include "calib/fit/fit.hpp"
+
+namespace taut {
+
+/// The mesh of an experiment with the given settings. Throws InputError naming the experiment's file.
+Mesh make_mesh(const Experiment& experiment, const MeshSettings& settings);
+
+/// A plane experiment in space: one half of the body, 0 <= z <= thickness / 2, with `depth_cells` layers of elements,
+/// held in z on its plane of symmetry. What is at a point of the plane is in that plane, z = 0, but a load at a point
+/// acts all along the line through the thickness there. A support that fixes x and y fixes z too. Forces, masses and
+/// cables count by half, readings are what they were. The thickness is no longer a parameter. Throws InputError for
+/// experiments that are in space already, recordings, elastic clamps and obstacles.
+Experiment as_solid(const Experiment& experiment, int depth_cells);
+
+/// The model of an experiment and the indices of what its bench sets.
+struct BenchModel {
+  Scene scene;
+  std::vector<NamedChannel> channels;
+  std::vector<Cable> cables;              ///< as experiment.cables has them
+  std::vector<int> controls;              ///< table index per entry of experiment.bench.controls
+  std::vector<int> switched_off_at_rest;  ///< gravity and constant loads
+  std::vector<Recording> recordings;      ///< as experiment.recordings has them
+  const Contact* contact = nullptr;       ///< lives in the scene; null: there is none, or a 3D one
+  std::map<double, int> zero_offsets;     ///< table index by the value of the control that they go with
+};
+/// With settings.depth_cells that of as_solid(). `trials` says what each control's column holds (force, mass, ...),
+/// which decides what kind of load it is, and the values it takes. Its readings are not looked at.
+BenchModel make_model(const Experiment& experiment, const MeshSettings& settings, const Trials& trials);
+
+/// Readings as rows: one row per distinct (controls, channel), readings of one row are repeats.
+struct BenchRows {
+  std::vector<StaticRow> rows;
+  std::vector<int> row_of_reading;
+  std::vector<Measurement> measurements;
+};
+BenchRows rows_of_readings(const Experiment& experiment, const BenchModel& model, const Trials& trials);
+
+/// Readings as rows of a static protocol.
+struct StaticBench {
+  std::unique_ptr<StaticProtocol> protocol;
+  std::vector<Cable> cables;
+  const Contact* contact = nullptr;  ///< of its model, in 2D
+  std::vector<int> row_of_reading;
+  std::vector<Measurement> measurements;
+};
+StaticBench make_static_bench(const Experiment& experiment, const MeshSettings& settings, const Trials& trials);
+
+/// The experiment's free parameters with starts and bounds filled in from the model. Throws InputError for unknown ids,
+/// a start outside its bounds, and bounds outside the physical range.
+std::vector<FreeParameter> free_parameters(const Experiment& experiment, const Protocol& protocol);
+
+/// A load as a force [N] for figures: itself, a mass times gravity; other quantities as they are.
+double load_in_newtons(const Experiment& experiment, Quantity quantity, double value_si);
+
+}  // namespace taut

@@ -1,0 +1,262 @@
+#include "calib/benches/static_protocol.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <exception>
+#include <limits>
+#include <map>
+#include <thread>
+
+#include "sim/core/units.hpp"
+#include "sim/terms/solid.hpp"
+
+namespace taut {
+
+StaticProtocol::StaticProtocol(Scene scene, std::vector<NamedChannel> channels, std::vector<int> controls,
+                               std::vector<int> switched_off_at_rest, std::vector<StaticRow> rows, Options options)
+    : scene_(std::move(scene)),
+      channels_(std::move(channels)),
+      controls_(std::move(controls)),
+      off_at_rest_(std::move(switched_off_at_rest)),
+      rows_(std::move(rows)),
+      options_(options) {
+  for (size_t r = 0; r < rows_.size(); ++r) {
+    condition_of_row_.push_back(condition_with(rows_[r].controls));
+    conditions_[static_cast<size_t>(condition_of_row_.back())].rows.push_back(static_cast<int>(r));
+  }
+  make_paths();
+}
+
+int StaticProtocol::condition_with(const std::vector<double>& controls) {
+  for (size_t c = 0; c < conditions_.size(); ++c) {
+    if (conditions_[c].controls == controls) return static_cast<int>(c);
+  }
+  conditions_.emplace_back().controls = controls;
+  return static_cast<int>(conditions_.size()) - 1;
+}
+
+/// The controls with all that is not set first at zero.
+std::vector<double> StaticProtocol::before_loads(std::vector<double> controls) const {
+  for (size_t k = 0; k < controls.size(); ++k) {
+    if (std::find(options_.set_first.begin(), options_.set_first.end(), static_cast<int>(k)) ==
+        options_.set_first.end())
+      controls[k] = 0;
+  }
+  return controls;
+}
+
+void StaticProtocol::make_paths() {
+  const size_t read = conditions_.size();  // conditions that rows read; those of unloaded states come after
+  for (size_t c = 0; c < read; ++c) {
+    if (!options_.from_unloaded && options_.set_first.empty()) continue;
+    const int unloaded = condition_with(before_loads(conditions_[c].controls));
+    if (options_.from_unloaded) conditions_[c].unloaded = unloaded;
+    if (!options_.set_first.empty() && unloaded != static_cast<int>(c)) conditions_[c].parent = unloaded;
+  }
+  std::map<int, std::vector<int>> loaded;  // unloaded state to the conditions that start from it
+  for (size_t c = 0; c < conditions_.size(); ++c) {
+    if (conditions_[c].parent < 0)
+      loaded[static_cast<int>(c)];
+    else
+      loaded[conditions_[c].parent].push_back(static_cast<int>(c));
+  }
+  // Loads are hung one after the other where each only adds to the last.
+  auto size_of = [&](int c) {
+    double sum = 0;
+    for (double value : conditions_[static_cast<size_t>(c)].controls) sum += std::abs(value);
+    return sum;
+  };
+  auto adds_to = [&](int more, int less) {
+    const auto &a = conditions_[static_cast<size_t>(more)].controls,
+               &b = conditions_[static_cast<size_t>(less)].controls;
+    for (size_t k = 0; k < a.size(); ++k) {
+      if (a[k] * b[k] < 0 || std::abs(a[k]) < std::abs(b[k])) return false;
+    }
+    return true;
+  };
+  for (auto& [unloaded, list] : loaded) {
+    std::stable_sort(list.begin(), list.end(), [&](int a, int b) { return size_of(a) < size_of(b); });
+    for (size_t i = 1; i < list.size(); ++i) {
+      if (adds_to(list[i], list[i - 1])) conditions_[static_cast<size_t>(list[i])].parent = list[i - 1];
+    }
+    Path& path = paths_.emplace_back();
+    path.conditions.push_back(unloaded);
+    path.conditions.insert(path.conditions.end(), list.begin(), list.end());
+  }
+  // Large loads take most. With retractions the soft module's large deflections and the closed one's contact do.
+  double mean = 0;
+  for (const Path& path : paths_) mean += size_of(path.conditions.front()) / static_cast<double>(paths_.size());
+  for (Path& path : paths_) {
+    const double size = size_of(path.conditions.front());
+    path.cost = options_.set_first.empty() ? size : std::abs(size - mean);
+  }
+}
+
+void StaticProtocol::forget() {
+  for (Condition& condition : conditions_) condition.solved = false;
+}
+
+std::string StaticProtocol::describe(const Condition& condition) const {
+  std::string text;
+  for (size_t k = 0; k < controls_.size(); ++k) {
+    const ParameterSpec& spec = parameters()[controls_[k]];
+    text += fmt::format("{}{} = {}", k == 0 ? "" : ", ", spec.id, with_unit(condition.controls[k], spec.unit));
+  }
+  return text;
+}
+
+std::string StaticProtocol::describe_parameters(const Params& p) const {
+  std::string text;
+  for (int i = 0; i < parameters().size(); ++i) {
+    if (std::find(controls_.begin(), controls_.end(), i) != controls_.end()) continue;
+    text +=
+        fmt::format("{}{} = {}", text.empty() ? "" : ", ", parameters()[i].id, with_unit(p[i], parameters()[i].unit));
+  }
+  return text;
+}
+
+/// First-order change of a condition's equilibrium on the way to `to`; a stiffness counts by its reciprocal, in which
+/// displacements of a linear solid are linear. Empty where it is no better start than the path is: when it changes the
+/// state by more than a fifth, or when a stiffness whose sensitivity is not known has changed by more than half.
+Eigen::VectorXd StaticProtocol::predicted_change(const Condition& condition, const Params& to) const {
+  Eigen::VectorXd change = Eigen::VectorXd::Zero(condition.u.size());
+  for (int i = 0; i < parameters().size(); ++i) {
+    const double from = condition.p[i];
+    const auto known = std::find(condition.sensitivity_of.begin(), condition.sensitivity_of.end(), i);
+    if (known != condition.sensitivity_of.end()) {
+      change += (parameters()[i].logarithmic ? from * (1 - from / to[i]) : to[i] - from) *
+                condition.sensitivities.col(known - condition.sensitivity_of.begin());
+    } else if (parameters()[i].logarithmic && !(from < 1.5 * to[i] && to[i] < 1.5 * from)) {
+      return {};
+    }
+  }
+  const bool near = change.cwiseAbs().maxCoeff() <= 0.2 * condition.u.cwiseAbs().maxCoeff();
+  return near ? change : Eigen::VectorXd();
+}
+
+void StaticProtocol::solve_condition(Condition& condition, const Params& p, const std::vector<int>& free,
+                                     Equilibrium& equilibrium) const {
+  Params target = p;
+  for (size_t k = 0; k < controls_.size(); ++k) target[controls_[k]] = condition.controls[k];
+  SolveReport total;
+  double smallest = 0;  // Jacobian at the state found
+  bool done = false;
+  const Eigen::VectorXd change = condition.solved ? predicted_change(condition, target) : Eigen::VectorXd();
+  if (change.size() > 0) {
+    equilibrium.start_beyond(condition.u, change, target);
+    total = equilibrium.solve(target, polish_);
+    // A start that is not on the protocol's path may end in a spurious equilibrium with folded elements.
+    if (total.status == SolveStatus::converged) smallest = smallest_jacobian(scene_.model->mesh(), equilibrium.u());
+    done = smallest > 0;
+  }
+  if (!done && total.status != SolveStatus::interrupted) {
+    if (condition.parent < 0) {
+      Params rest = target;
+      for (int index : controls_) rest[index] = 0;
+      for (int index : off_at_rest_) rest[index] = 0;
+      equilibrium.start_at_rest(rest);
+    } else {
+      const Condition& parent = conditions_[static_cast<size_t>(condition.parent)];
+      const bool there = equilibrium.has_factor() && equilibrium.p() == parent.p && equilibrium.u() == parent.u;
+      if (!there) equilibrium.start_at(parent.u, parent.p);
+    }
+    SolveReport report = equilibrium.solve(target, polish_);
+    report.factorisations += total.factorisations;
+    report.iterations += total.iterations;
+    total = report;
+  }
+  condition.report = total;
+  if (total.status != SolveStatus::converged) return;  // what was solved before stays as a start for the next try
+  condition.p = target;
+  condition.u = equilibrium.u();
+  condition.smallest_jacobian = done ? smallest : smallest_jacobian(scene_.model->mesh(), condition.u);
+  condition.solved = condition.smallest_jacobian > 0;  // a folded state is no start for other parameters
+  condition.sensitivity_of = free;
+  condition.sensitivities = free.empty() ? Eigen::MatrixXd() : equilibrium.sensitivities(free);
+}
+
+void StaticProtocol::solve_path(Path& path, const Params& p, const std::vector<int>& free) {
+  path.cost = 0;
+  if (!path.equilibrium) path.equilibrium = std::make_unique<Equilibrium>(*scene_.model, options_.equilibrium);
+  for (int c : path.conditions) {
+    Condition& condition = conditions_[static_cast<size_t>(c)];
+    const Condition* parent = condition.parent < 0 ? nullptr : &conditions_[static_cast<size_t>(condition.parent)];
+    if (parent != nullptr && parent->report.status != SolveStatus::converged) {
+      condition.report = {};
+      condition.report.status = parent->report.status;
+      condition.report.not_tried = true;
+    } else {
+      solve_condition(condition, p, free, *path.equilibrium);
+    }
+    path.cost += condition.report.factorisations;
+  }
+}
+
+Prediction StaticProtocol::predict(const Params& p, const std::vector<int>& free) {
+  // Each path depends on its own past only, so which thread solves it, and when, does not matter.
+  const int cores = options_.threads > 0 ? options_.threads : static_cast<int>(std::thread::hardware_concurrency());
+  const size_t count_of_threads =
+      static_cast<size_t>(std::clamp(cores, 1, std::max(1, static_cast<int>(paths_.size()))));
+  // The dearest first, so that threads end together.
+  std::stable_sort(paths_.begin(), paths_.end(), [](const Path& a, const Path& b) { return a.cost > b.cost; });
+  std::atomic<size_t> next{0};
+  std::vector<std::exception_ptr> errors(count_of_threads);
+  auto work = [&](size_t thread) {
+    try {
+      for (size_t i = next++; i < paths_.size(); i = next++) solve_path(paths_[i], p, free);
+    } catch (...) {
+      errors[thread] = std::current_exception();
+    }
+  };
+  std::vector<std::thread> threads;
+  for (size_t i = 1; i < count_of_threads; ++i) threads.emplace_back(work, i);
+  work(0);
+  for (std::thread& thread : threads) thread.join();
+  for (const std::exception_ptr& error : errors) {
+    if (error) std::rethrow_exception(error);
+  }
+
+  Prediction prediction;
+  for (const Condition& condition : conditions_) {
+    factorisations_ += condition.report.factorisations;
+    newton_iterations_ += condition.report.iterations;
+    if (condition.report.status != SolveStatus::converged) {
+      prediction.failures.push_back(fmt::format(
+          "no equilibrium at {} (with {}): {}", describe(condition), describe_parameters(p),
+          condition.report.not_tried ? "the state that it starts from failed" : condition.report.message()));
+    }
+  }
+  const Eigen::Index count = row_count(), k = static_cast<Eigen::Index>(free.size());
+  prediction.values = Eigen::VectorXd::Constant(count, std::numeric_limits<double>::quiet_NaN());
+  if (k > 0) prediction.derivatives = Eigen::MatrixXd::Constant(count, k, std::numeric_limits<double>::quiet_NaN());
+  auto converged = [](const Condition& c) { return c.report.status == SolveStatus::converged; };
+  for (Eigen::Index r = 0; r < count; ++r) {
+    const StaticRow& row = rows_[static_cast<size_t>(r)];
+    const Condition& condition = conditions_[static_cast<size_t>(condition_of_row_[static_cast<size_t>(r)])];
+    const Channel& channel = *channels_[static_cast<size_t>(row.channel)].channel;
+    const Condition* unloaded =
+        condition.unloaded < 0 ? nullptr : &conditions_[static_cast<size_t>(condition.unloaded)];
+    if (!converged(condition) || (unloaded != nullptr && !converged(*unloaded))) continue;
+    const Point at{condition.u, condition.p};
+    prediction.values[r] = channel.value(at);
+    if (k > 0) prediction.derivatives.row(r) = channel.gradient(at).transpose() * condition.sensitivities;
+    for (Eigen::Index i = 0; i < k; ++i)
+      prediction.derivatives(r, i) += channel.parameter_derivative(at, free[static_cast<size_t>(i)]);
+    if (unloaded != nullptr) {
+      const Point before{unloaded->u, unloaded->p};
+      prediction.values[r] -= channel.value(before);
+      if (k > 0) prediction.derivatives.row(r) -= channel.gradient(before).transpose() * unloaded->sensitivities;
+      for (Eigen::Index i = 0; i < k; ++i)
+        prediction.derivatives(r, i) -= channel.parameter_derivative(before, free[static_cast<size_t>(i)]);
+    }
+    if (row.offset < 0) continue;
+    prediction.values[r] += p[row.offset];
+    for (Eigen::Index i = 0; i < k; ++i) {
+      if (free[static_cast<size_t>(i)] == row.offset) prediction.derivatives(r, i) += 1;
+    }
+  }
+  return prediction;
+}
+
+}  // namespace taut

@@ -1,0 +1,107 @@
+#pragma once
+#include <Eigen/Core>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "calib/fit/protocol.hpp"
+#include "sim/model/channel.hpp"
+#include "sim/scene/scene.hpp"
+#include "sim/solve/equilibrium.hpp"
+
+namespace taut {
+
+/// One row of a static bench: the controls that were set, and the channel that was read.
+struct StaticRow {
+  std::vector<double> controls;  ///< SI, in the order of StaticProtocol's control parameters
+  int channel = 0;
+  int offset = -1;  ///< table index of a parameter that is added to the reading (a zero error); -1: none
+};
+
+/// A channel with its name.
+struct NamedChannel {
+  std::string id;
+  std::unique_ptr<Channel> channel;
+};
+
+/// Equilibria under controls: dead loads, prescribed displacements, cable retractions. A path starts at rest (all
+/// controls and gravity zero). Controls named in Options::set_first (retractions) are brought to their values first,
+/// with all others zero; from that state the others follow, from small to large, each from the last one's equilibrium.
+/// Rows that share set_first share the path up to there; without set_first each distinct set of controls has a path of
+/// its own. Rows that share all their controls share the solve. Paths run on all threads, and the number of threads
+/// does not change a bit of the result.
+class StaticProtocol final : public Protocol {
+ public:
+  struct Options {
+    EquilibriumOptions equilibrium;
+    int threads = 0;             ///< 0: as many as there are cores
+    std::vector<int> set_first;  ///< positions among `controls` of those that a path sets before the others
+    bool from_unloaded = false;  ///< displacements are measured from the state before the loads, not from rest
+  };
+
+  /// `controls` are table indices of the loads that rows set, `switched_off_at_rest` further ones (gravity) that the
+  /// rest shape knows nothing of. Rows hold finite numbers.
+  StaticProtocol(Scene scene, std::vector<NamedChannel> channels, std::vector<int> controls,
+                 std::vector<int> switched_off_at_rest, std::vector<StaticRow> rows, Options options);
+
+  const ParameterTable& parameters() const override { return scene_.model->parameters(); }
+  const Params& nominal() const override { return scene_.values; }
+  int row_count() const override { return static_cast<int>(rows_.size()); }
+  Prediction predict(const Params& p, const std::vector<int>& free) override;
+  void forget() override;
+  void begin_search() override { polish_ = Polish::search; }
+  void end_search() override { polish_ = Polish::full; }
+
+  const Scene& scene() const { return scene_; }
+  const std::vector<StaticRow>& rows() const { return rows_; }
+  const std::vector<int>& controls() const { return controls_; }  ///< table indices of what rows set
+  const std::vector<NamedChannel>& channels() const { return channels_; }
+
+  /// A distinct set of controls, its last equilibrium and what it took.
+  struct Condition {
+    std::vector<double> controls;
+    std::vector<int> rows;  ///< none: a state that others start or are measured from
+    int parent = -1;        ///< the condition that its path comes from; -1: rest
+    int unloaded = -1;      ///< the condition that its displacements are measured from; -1: rest
+    bool solved = false;    ///< u is an equilibrium at p, fit to start the next solve from
+    Params p;
+    Eigen::VectorXd u;                ///< [m], all unknowns
+    Eigen::MatrixXd sensitivities;    ///< du/dp of the parameters that were asked for last
+    std::vector<int> sensitivity_of;  ///< which those are
+    SolveReport report;
+    double smallest_jacobian = 0;  ///< over quadrature points and nodes, after the last solve
+  };
+  const std::vector<Condition>& conditions() const { return conditions_; }
+  /// "mass = 0.5 kg, retraction = 17.68 mm".
+  std::string describe(const Condition& condition) const;
+  int factorisations() const override { return factorisations_; }
+  int newton_iterations() const { return newton_iterations_; }
+
+ private:
+  struct Path {
+    std::vector<int> conditions;  ///< in the order in which they are solved
+    double cost = 0;              ///< factorisations of its last solve, before the first one a guess
+    std::unique_ptr<Equilibrium> equilibrium;
+  };
+  int condition_with(const std::vector<double>& controls);
+  std::vector<double> before_loads(std::vector<double> controls) const;
+  void make_paths();
+  void solve_path(Path& path, const Params& p, const std::vector<int>& free);
+  void solve_condition(Condition& condition, const Params& p, const std::vector<int>& free,
+                       Equilibrium& equilibrium) const;
+  Eigen::VectorXd predicted_change(const Condition& condition, const Params& to) const;
+  std::string describe_parameters(const Params& p) const;
+
+  Scene scene_;
+  std::vector<NamedChannel> channels_;
+  std::vector<int> controls_, off_at_rest_;
+  std::vector<StaticRow> rows_;
+  Options options_;
+  std::vector<Condition> conditions_;
+  std::vector<int> condition_of_row_;
+  std::vector<Path> paths_;
+  Polish polish_ = Polish::full;
+  int factorisations_ = 0, newton_iterations_ = 0;
+};
+
+}  // namespace taut

@@ -1,0 +1,60 @@
+#pragma once
+#include <map>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "calib/data/trials.hpp"
+#include "calib/files/uniaxial_file.hpp"
+#include "calib/fit/fit.hpp"
+#include "calib/fit/protocol.hpp"
+
+namespace taut {
+
+struct PointRow {
+  PointMode mode = PointMode::tension;
+  double strain = 0;  ///< engineering strain s - 1 (compression < 0), or the amount of shear
+};
+
+/// Homogeneous tests on one material, without a mesh. Predicts the nominal stress [Pa], force per rest area:
+///
+///   tension, compression:  P_11 at F = diag(s, a, a), a such that the sides are free: P_22 = 0 (Newton's method),
+///   shear:                 P_12 at F = I + g e_1 e_2^T, the plates keeping their distance.
+///
+/// dP_11/dtheta at free sides is that at fixed F minus (dP_11/da) (dP_22/dtheta) / (dP_22/da) (implicit function
+/// theorem). Parameters are the law's constants, "<constant>_<region>". Valid where deformation is homogeneous: sides
+/// that slide freely on the platens, specimens long (tension) or flat (shear) enough. A prediction whose free sides are
+/// not found is NaN and a failure.
+class UniaxialProtocol final : public Protocol {
+ public:
+  /// Throws InputError for an unknown law, and for a constant that is missing, unknown or outside its physical range.
+  UniaxialProtocol(const std::string& region, const std::string& law, const std::map<std::string, double>& constants,
+                   std::vector<PointRow> rows);
+
+  const ParameterTable& parameters() const override { return table_; }
+  const Params& nominal() const override { return nominal_; }
+  int row_count() const override { return static_cast<int>(rows_.size()); }
+  Prediction predict(const Params& p, const std::vector<int>& free) override;
+
+ private:
+  std::string law_;
+  ParameterTable table_;
+  Params nominal_;
+  std::vector<PointRow> rows_;
+};
+
+/// Readings of a bench as rows: one per distinct (mode, strain), readings of one row are repeats.
+struct UniaxialBench {
+  std::vector<PointRow> rows;
+  std::vector<Measurement> measurements;  ///< one per reading
+};
+
+/// Throws InputError for tension with a negative and compression with a positive strain, and strains of -100 % or less.
+UniaxialBench make_uniaxial_bench(const BenchFormat& format, const Trials& trials);
+
+/// The free parameters of `experiment` that the protocol's law has, with starts and bounds. Throws as free_parameters()
+/// does.
+std::vector<FreeParameter> free_parameters_of_law(const Experiment& experiment, const Protocol& protocol);
+
+}  // namespace taut

@@ -1,0 +1,91 @@
+#include "calib/data/ring_down.hpp"
+
+#include <fmt/format.h>
+
+#include <Eigen/Core>
+#include <Eigen/QR>
+#include <algorithm>
+#include <cmath>
+
+#include "sim/core/error.hpp"
+
+namespace taut {
+namespace {
+
+struct Linear {
+  Eigen::Vector4d coefficients;  ///< offset, drift, a, b
+  double squares = 0;
+};
+
+/// The four numbers in which y is linear, for given others.
+Linear linear_part(const Eigen::ArrayXd& t, const Eigen::VectorXd& y, double w, double decay) {
+  Eigen::MatrixXd A(t.size(), 4);
+  const Eigen::ArrayXd envelope = (-decay * t).exp();
+  A.col(0).setOnes();
+  A.col(1) = t.matrix();
+  A.col(2) = (envelope * (w * t).cos()).matrix();
+  A.col(3) = (envelope * (w * t).sin()).matrix();
+  Linear result;
+  result.coefficients = A.colPivHouseholderQr().solve(y);
+  result.squares = (y - A * result.coefficients).squaredNorm();
+  return result;
+}
+
+}  // namespace
+
+double RingDown::damping_ratio() const {
+  return decay / std::hypot(2 * M_PI * frequency, decay);
+}
+
+RingDown ring_down(const std::vector<double>& times, const std::vector<double>& values) {
+  const size_t count = times.size();
+  if (count < 8 || values.size() != count)
+    throw InputError(fmt::format("frequency and decay need 8 samples or more, there are {}; take more of them", count));
+  for (size_t i = 0; i < count; ++i) {
+    if (!std::isfinite(times[i]) || !std::isfinite(values[i]) || (i > 0 && !(times[i] > times[i - 1])))
+      throw InputError(
+          fmt::format("frequency and decay need finite samples at ascending times; sample {} is not", i + 1));
+  }
+  const Eigen::ArrayXd t = Eigen::Map<const Eigen::ArrayXd>(times.data(), static_cast<Eigen::Index>(count)) - times[0];
+  const Eigen::VectorXd y = Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(count));
+  const double span = times.back() - times.front();
+
+  // Where to start: the best of a grid, fine enough for the width 1 / span of a peak.
+  double w = 0, decay = 0, best = std::numeric_limits<double>::infinity();
+  const int cycles = static_cast<int>(count) / 3;
+  for (int i = 8; i <= 8 * cycles; ++i) {
+    for (double periods : {0.5, 3.0}) {  // that the motion decays by e^-1 over the span, or e^-3
+      const double here = 2 * M_PI * i / (8 * span), rate = 2 * periods / span;
+      const double squares = linear_part(t, y, here, rate).squares;
+      if (squares >= best) continue;
+      best = squares;
+      w = here;
+      decay = rate;
+    }
+  }
+  // Down along one axis after the other, with ever smaller steps.
+  double step = 0.5 / span;
+  while (step > 1e-9 / span) {
+    bool better = false;
+    for (const auto& [dw, dd] : {std::pair{step, 0.0}, {-step, 0.0}, {0.0, step}, {0.0, -step}}) {
+      const double squares = linear_part(t, y, w + dw, decay + dd).squares;
+      if (squares >= best) continue;
+      best = squares;
+      w += dw;
+      decay += dd;
+      better = true;
+    }
+    if (!better) step *= 0.5;
+  }
+  const Linear last = linear_part(t, y, w, decay);
+  RingDown result;
+  result.frequency = w / (2 * M_PI);
+  result.decay = decay;
+  result.offset = last.coefficients[0];
+  result.drift = last.coefficients[1];
+  result.amplitude = std::hypot(last.coefficients[2], last.coefficients[3]);
+  result.rms = std::sqrt(last.squares / static_cast<double>(count));
+  return result;
+}
+
+}  // namespace taut

@@ -1,0 +1,79 @@
+#pragma once
+#include <set>
+#include <string>
+#include <vector>
+
+#include "sim/core/units.hpp"
+
+namespace taut {
+
+/// One measured number, with where it stands in its file.
+struct Reading {
+  int line = 0;                  ///< line in the CSV file, the header is line 1
+  std::string trial;             ///< repeat it belongs to, "" when the file has no trial column
+  std::vector<double> controls;  ///< SI values, in the order of Trials::control_ids
+  int channel = 0;               ///< index into Trials::channel_ids
+  double value = 0;              ///< SI
+  double sigma = 0;              ///< standard deviation, SI, > 0
+};
+
+/// What an instrument is good for: sigma^2 = absolute^2 + (relative * reading)^2 + resolution^2 / 12.
+struct InstrumentNoise {
+  double absolute = 0;    ///< SI unit of the channel
+  double relative = 0;    ///< fraction of the reading
+  double resolution = 0;  ///< last digit, SI unit of the channel; rounding is uniform, hence / 12
+  double sigma(double reading) const;
+};
+
+/// Which column of a bench file means what. Column names are headers as they stand in the file, unit included.
+struct BenchFormat {
+  struct Control {
+    std::string id;                    ///< name of the load or actuation in the experiment
+    std::string column;                ///< e.g. "tip_load_N" or "mass_g"
+    std::vector<Quantity> quantities;  ///< what the unit may be; several are told apart by Trials::control_quantities
+  };
+  struct Channel {
+    std::string id;
+    std::string column;  ///< wide files: one column per channel; empty in long files
+    Quantity quantity = Quantity::length;
+    InstrumentNoise noise;
+  };
+  std::string path;
+  std::string trial_column;  ///< "" when there is none: rows with equal controls are then repeats
+  std::vector<Control> controls;
+  std::vector<Channel> channels;
+  std::string channel_column;        ///< long files: the column that holds the channel's id; else ""
+  std::string value_column;          ///< long files: the column that holds the reading; else ""
+  std::string sigma_column;          ///< optional: sigma per row (a length like the reading); overrides the noise
+  std::vector<std::string> ignored;  ///< columns that are deliberately not used
+};
+
+/// All readings of a bench, repeats kept.
+struct Trials {
+  std::vector<std::string> control_ids;
+  std::vector<std::set<double>> control_values;  ///< all values of each control in the file, SI
+  std::vector<Quantity> control_quantities;      ///< e.g. mass for "mass_g": the caller turns masses into forces
+  std::vector<std::string> channel_ids;
+  std::vector<Reading> readings;
+  std::vector<std::string> remarks;  ///< what was recognised, for people: "semicolons and decimal commas", "BOM", ...
+};
+
+/// Reads a bench CSV file (fast-cpp-csv-parser). Comma, semicolon or tab separated, decimal point or (not with comma
+/// separators) decimal comma, UTF-8 with or without BOM, LF or CRLF, '#' comment lines, quoted fields.
+/// Throws InputError, one sentence with file, line and column, for: missing file, empty file, header only, missing,
+/// duplicate or unknown column, wrong or missing unit, empty cell, text where a number belongs, NaN or infinity,
+/// a row with too few or too many cells, an unknown channel id, a reading that stands twice (same trial, controls and
+/// channel, both lines named), sigma not positive, no noise given at all.
+Trials read_trials(const BenchFormat& format);
+
+/// A line of a file that holds loads only: where to predict.
+struct LoadRow {
+  int line = 0;
+  std::vector<double> controls;  ///< SI, in the order of BenchFormat::controls
+};
+
+/// Reads the control columns of `format` from the CSV file at `path`; the format's other columns may be there and are
+/// not read. Throws InputError as read_trials() does.
+std::vector<LoadRow> read_load_rows(const BenchFormat& format, const std::string& path);
+
+}  // namespace taut

@@ -1,0 +1,441 @@
+#include "calib/files/experiment.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <set>
+
+#include "calib/files/recordings_file.hpp"
+#include "sim/core/error.hpp"
+#include "sim/files/tables.hpp"
+
+namespace taut {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Loads name their unit by their column or value; the unit says what kind of load it is.
+const std::vector<Quantity> load_quantities{Quantity::force, Quantity::mass, Quantity::pressure, Quantity::line_load};
+
+LoadSettings read_load(TableReader& table, const GeometrySettings& geometry) {
+  const size_t d = static_cast<size_t>(geometry.dimension);
+  LoadSettings load;
+  load.id = table.text("id");
+  if (table.has("point") == table.has("on"))
+    table.fail("", "give either 'on' (a tag, or \"a & b\") or 'point' as the place of the load");
+  if (table.has("point")) load.point = table.quantities("point", Quantity::length, d);
+  if (table.has("on")) load.on = table.text("on");
+  load.direction = direction_of(table, geometry.dimension);
+  if (table.has("column") == table.has("value"))
+    table.fail("", "give either 'column' (of the bench file) or 'value' (a constant load)");
+  if (table.has("column")) {
+    load.column = table.text("column");
+    load.quantity = parse_header(load.column, load_quantities, table.where("column")).quantity;
+  } else {
+    const std::string value = table.text("value");
+    const size_t blank = value.rfind(' ');
+    const std::string unit = blank == std::string::npos ? "" : value.substr(blank + 1);
+    const auto found = std::find_if(load_quantities.begin(), load_quantities.end(), [&](Quantity quantity) {
+      const std::vector<std::string> units = units_of(quantity);
+      return std::find(units.begin(), units.end(), unit) != units.end();
+    });
+    if (found == load_quantities.end())
+      table.fail("value", fmt::format("'{}' is not a load; give a force (\"2 N\"), a mass (\"100 g\"), a traction (\"3 "
+                                      "kPa\") or a line load (\"5 N/m\")",
+                                      value));
+    load.quantity = *found;
+    load.value = parse_quantity(value, load.quantity, table.where("value"));
+  }
+  if (load.quantity == Quantity::pressure && !load.point.empty())
+    table.fail("point", "a traction acts on a face; use 'on'");
+  if (load.quantity == Quantity::line_load && !load.point.empty())
+    table.fail("point", "a line load acts on an edge, in 2D on a corner; use 'on'");
+  table.finish();
+  return load;
+}
+
+ChannelSettings read_channel(TableReader& table, const GeometrySettings& geometry, BenchFormat::Channel& bench) {
+  const size_t d = static_cast<size_t>(geometry.dimension);
+  ChannelSettings channel;
+  bench.id = channel.id = table.text("id");
+  if (table.has("point") == table.has("on"))
+    table.fail("",
+               "give either 'point' (a material point) or 'on' (the mean over a tag) as the place that is measured");
+  if (table.has("point")) channel.point = table.quantities("point", Quantity::length, d);
+  if (table.has("on")) channel.on = table.text("on");
+  if (table.has("standoff")) {
+    if (channel.point.empty()) table.fail("standoff", "a stand-off needs 'point', the foot it stands on");
+    channel.standoff = table.quantities("standoff", Quantity::length, d);
+    channel.turns_with = table.text("turns_with");
+  }
+  channel.direction = direction_of(table, geometry.dimension);
+  bench.column = table.text("column", "");
+  if (auto noise = table.optional_table("noise")) {
+    bench.noise.absolute = noise->optional_quantity("absolute", Quantity::length).value_or(0);
+    bench.noise.relative = noise->optional_quantity("relative", Quantity::pure).value_or(0);
+    bench.noise.resolution = noise->optional_quantity("resolution", Quantity::length).value_or(0);
+    if (bench.noise.absolute < 0 || bench.noise.relative < 0 || bench.noise.resolution < 0)
+      noise->fail("", "noise must not be negative");
+    noise->finish();
+  }
+  table.finish();
+  return channel;
+}
+
+/// The text of a key, which has to be one of `ids`; `what` says what they are.
+std::string one_of(TableReader& table, std::string_view key, const std::vector<std::string>& ids,
+                   std::string_view what) {
+  const std::string id = table.text(key);
+  if (std::find(ids.begin(), ids.end(), id) == ids.end())
+    table.fail(key, fmt::format("'{}' is not {}{}; allowed: {}", id, what, did_you_mean(id, ids), join(ids)));
+  return id;
+}
+
+/// The control id of a retraction's column; the same column retracts several cables.
+std::string retraction_control(TableReader& table, CablesSettings& cables) {
+  const std::string column = table.text("retraction");
+  const std::string id = parse_header(column, {Quantity::length}, table.where("retraction")).name;
+  const std::string known = cables.columns.try_emplace(id, column).first->second;
+  if (known != column)
+    table.fail("retraction",
+               fmt::format("'{}' and '{}' are the same retraction in two units; name one column", known, column));
+  return id;
+}
+
+void read_cables(TableReader table, Experiment& experiment) {
+  CablesSettings& cables = experiment.cables;
+  const GeometrySettings& geometry = experiment.geometry;
+  cables.k = table.optional_quantity("k", Quantity::stiffness);
+  cables.EA = table.optional_quantity("EA", Quantity::force);
+  if (cables.k.has_value() == cables.EA.has_value())
+    table.fail("", "give either k (the stiffness of a whole cable, \"20 kN/m\") or EA (\"1.2 kN\"; k = EA / length)");
+  if (!(cables.k.value_or(1) > 0 && cables.EA.value_or(1) > 0))
+    table.fail(cables.k ? "k" : "EA", "the stiffness must be positive");
+  cables.slack = table.optional_quantity("slack", Quantity::length).value_or(0);
+  cables.smoothing = table.optional_quantity("smoothing", Quantity::length).value_or(cables.smoothing);
+  if (cables.smoothing < 0) table.fail("smoothing", "a length of zero or more belongs here");
+  const std::string common = table.has("retraction") ? retraction_control(table, cables) : "";
+  for (TableReader& one : table.tables("cable")) {
+    CableSettings cable;
+    cable.id = one.text("id");
+    for (const CableSettings& other : cables.cables) {
+      if (other.id == cable.id)
+        one.fail("id", fmt::format("the cable '{}' is there already; choose another id", cable.id));
+    }
+    cable.control = one.has("retraction") ? retraction_control(one, cables) : common;
+    if (geometry.kind == "push_puppet" && !one.has("x")) {
+      if (cable.id != "upper" && cable.id != "lower")
+        one.fail("id", fmt::format("'{}' has no points; the module's own cables are upper and lower, others need x and "
+                                   "y",
+                                   cable.id));
+    } else {
+      cable.points = read_points(one, geometry.dimension);
+      if (cable.points.size() < 2) one.fail("x", "a cable needs at least two points");
+      const std::string fixed = one.choice("fixed", {"start", "end", "both", "none"});
+      cable.start_fixed = fixed == "start" || fixed == "both";
+      cable.end_fixed = fixed == "end" || fixed == "both";
+    }
+    one.finish();
+    cables.cables.push_back(cable);
+  }
+  if (cables.cables.empty() && geometry.kind == "push_puppet") {
+    for (const char* id : {"upper", "lower"})
+      cables.cables.emplace_back().id = id, cables.cables.back().control = common;
+  }
+  if (!common.empty() && std::none_of(cables.cables.begin(), cables.cables.end(),
+                                      [&](const CableSettings& cable) { return cable.control == common; }))
+    table.fail("retraction", "every cable has a retraction of its own, so this one moves nothing; remove it");
+  if (cables.cables.empty()) table.fail("", "there is no cable; add [[cables.cable]] with id, x and y");
+  if (geometry.kind == "push_puppet") {
+    for (CableSettings& cable : cables.cables) {
+      if (!cable.points.empty()) continue;
+      for (const Eigen::Vector2d& point : cable_path(geometry.puppet, cable.id == "upper" ? 1 : -1))
+        cable.points.push_back({point[0], point[1]});
+    }
+  }
+  table.finish();
+}
+
+void read_contact(TableReader table, Experiment& experiment) {
+  SurfaceSettings& contact = experiment.contact;
+  contact.on = table.boolean("on", true);
+  if (!contact.on) return table.finish();  // keys that would have no effect are refused
+  if (experiment.geometry.dimension != 2) table.fail("", "contact is for 2D geometries; remove [contact]");
+  if (experiment.geometry.kind == "push_puppet") contact.compensate = table.boolean("compensate", true);
+  const std::string form = table.choice("form", {"length_weighted", "pair_sum", "pair_sum_dedup"});
+  if (form != "length_weighted") {
+    contact.form = form == "pair_sum" ? ContactForm::pair_sum : ContactForm::pair_sum_dedup;
+    contact.stiffness = table.quantity("stiffness", Quantity::stiffness);
+    if (!(*contact.stiffness > 0)) table.fail("stiffness", "the stiffness must be positive");
+  } else if (table.has("stiffness")) {
+    table.fail("stiffness", "the barrier's stiffness is set from materials and loads; only the pair sums take one");
+  }
+  for (TableReader& one : table.tables("obstacle")) {
+    std::vector<Eigen::Vector2d>& line = contact.obstacles.emplace_back();
+    for (const std::vector<double>& point : read_points(one, 2)) line.emplace_back(point[0], point[1]);
+    if (line.size() < 2) one.fail("x", "an obstacle needs at least two points");
+    one.finish();
+  }
+  for (TableReader& one : table.tables("ground")) {
+    const std::vector<double> point = one.quantities("point", Quantity::length, 2), normal = one.numbers("normal", 2);
+    const Eigen::Vector2d n(normal[0], normal[1]);
+    if (!(n.norm() > 0)) one.fail("normal", "the normal must not be all zeros; it points to where things may be");
+    contact.grounds.push_back({{point[0], point[1]}, n.normalized()});
+    one.finish();
+  }
+  table.finish();
+}
+
+void read_bench(TableReader table, Experiment& experiment) {
+  BenchFormat& bench = experiment.bench;
+  bench.path = path_beside(experiment.path, table.text("file"));
+  bench.trial_column = table.text("trial", "");
+  bench.channel_column = table.text("channel", "");
+  bench.value_column = table.text("value", "");
+  bench.sigma_column = table.text("sigma", "");
+  bench.ignored = table.texts_or_none("ignore");
+  if (bench.channel_column.empty() != bench.value_column.empty())
+    table.fail("", "'channel' and 'value' belong together: the columns that hold a channel's id and its reading");
+  experiment.zero_offset_per = table.text("zero_offset_per", "");
+  if (!experiment.zero_offset_per.empty()) {
+    std::vector<std::string> ids;
+    for (const BenchFormat::Control& control : bench.controls) ids.push_back(control.id);
+    one_of(table, "zero_offset_per", ids, "set by the bench");
+  }
+  experiment.from_unloaded = table.choice("measured_from", {"rest", "unloaded"}) == "unloaded";
+  table.finish();
+  for (const BenchFormat::Channel& channel : bench.channels) {
+    if (channel.column.empty() == bench.channel_column.empty()) {
+      throw InputError(fmt::format(
+          "{}: channel '{}': {}", experiment.path, channel.id,
+          channel.column.empty() ? "its bench column is missing; add column = \"NAME_mm\", or name the [bench] columns "
+                                   "'channel' and 'value'"
+                                 : "[bench] names a 'channel' column, so channels must not name columns of their own"));
+    }
+    const InstrumentNoise& noise = channel.noise;
+    if (bench.sigma_column.empty() && noise.absolute == 0 && noise.relative == 0 && noise.resolution == 0) {
+      throw InputError(
+          fmt::format("{}: channel '{}' has no noise; add for example noise = {{ absolute = \"0.1 mm\" }} to its "
+                      "[[channel]], or name a 'sigma' column in [bench]",
+                      experiment.path, channel.id));
+    }
+  }
+}
+
+void read_fit(TableReader table, Experiment& experiment) {
+  for (auto& [id, free] : table.named_tables("free")) {
+    FreeSettings settings;
+    settings.id = id;
+    settings.start = free.optional_given("start");
+    settings.lower = free.optional_given("lower");
+    settings.upper = free.optional_given("upper");
+    free.finish();
+    experiment.free.push_back(settings);
+  }
+  experiment.all_profiles = table.choice("profiles", {"doubtful", "all"}) == "all";
+  if (!experiment.recordings) experiment.mesh_share = table.boolean("mesh_share", true);
+  if (auto diagnostic = table.optional_table("diagnostic")) {
+    std::vector<std::string> free, controls;
+    for (const FreeSettings& settings : experiment.free) free.push_back(settings.id);
+    for (const BenchFormat::Control& control : experiment.bench.controls) controls.push_back(control.id);
+    experiment.diagnostic = DiagnosticSettings{one_of(*diagnostic, "parameter", free, "a free parameter of the fit"),
+                                               one_of(*diagnostic, "per", controls, "set by the bench")};
+    diagnostic->finish();
+  }
+  for (TableReader& variant : table.tables("variant")) {
+    VariantSettings settings{variant.text("name"), experiment.mesh};
+    read_mesh(variant, experiment.geometry, settings.mesh);
+    variant.finish();
+    experiment.variants.push_back(settings);
+  }
+  for (TableReader& reference : table.tables("reference")) {
+    ReferenceValue value;
+    value.parameter = reference.text("parameter");
+    if (!reference.has("value")) reference.fail("", "'value' is missing; add the published value with its unit");
+    value.value = *reference.optional_given("value");
+    value.source = reference.text("source");
+    reference.finish();
+    experiment.references.push_back(value);
+  }
+  table.finish();
+}
+
+void read_solver(TableReader table, Experiment& experiment) {
+  EquilibriumOptions& options = experiment.equilibrium;
+  options.max_iterations = table.integer("max_iterations", options.max_iterations, 1);
+  options.max_halvings = table.integer("max_halvings", options.max_halvings, 0);
+  if (table.has("step_tolerance")) options.step_tolerance = table.quantity("step_tolerance", Quantity::pure);
+  if (!(options.step_tolerance > 1e-14 && options.step_tolerance < 1e-2))
+    table.fail("step_tolerance", "a number between 1e-14 and 1e-2 belongs here");
+  experiment.threads = table.integer("threads", 0, 0);
+  table.finish();
+}
+
+void read_model(TableReader& root, Experiment& experiment) {
+  const std::vector<std::string> names{"full", "beam", "rigid_segments", "solid", "auto"};
+  const std::string name = root.choice("model", names);
+  experiment.model = name == "beam"             ? Rung::beam
+                     : name == "rigid_segments" ? Rung::rigid_segments
+                     : name == "solid"          ? Rung::solid
+                     : name == "auto"           ? Rung::automatic
+                                                : Rung::full;
+  if (!root.has("tolerance")) return;
+  if (experiment.model != Rung::automatic)
+    root.fail("tolerance", "it says when model = \"auto\" stops climbing; set that, or leave it out");
+  experiment.tolerance = root.quantity("tolerance", Quantity::pure);
+  if (!(experiment.tolerance >= 1e-4 && experiment.tolerance <= 0.5))
+    root.fail("tolerance", "a number between 0.01 % and 50 % belongs here");
+}
+
+void read_figures(TableReader table, Experiment& experiment) {
+  experiment.trend_degree = table.integer("trend_degree", 0, 0);
+  if (experiment.trend_degree > 5) {
+    table.fail("trend_degree",
+               fmt::format("{} is too high for a trend; allowed: 0 (none) to 5", experiment.trend_degree));
+  }
+  table.finish();
+}
+
+void refuse_repeated_ids(const Experiment& experiment) {
+  std::set<std::string> seen;
+  auto check = [&](const std::string& id) {
+    if (!seen.insert(id).second)
+      throw InputError(fmt::format("{}: the id '{}' is used twice; ids of loads, supports and channels must differ",
+                                   experiment.path, id));
+  };
+  for (const LoadSettings& load : experiment.loads) check(load.id);
+  for (const SupportSettings& support : experiment.supports) {
+    if (!support.control.empty()) check(support.control);
+  }
+  for (const ChannelSettings& channel : experiment.channels) check(channel.id);
+  for (const auto& [id, column] : experiment.cables.columns) check(id);
+}
+
+/// Settings that are right in themselves but change nothing here.
+void refuse_without_effect(const Experiment& experiment) {
+  const bool gap = experiment.mesh.contact_gap > 0 ||
+                   std::any_of(experiment.variants.begin(), experiment.variants.end(),
+                               [](const VariantSettings& variant) { return variant.mesh.contact_gap > 0; });
+  if (gap && !experiment.contact.on)
+    throw InputError(
+        fmt::format("{}: contact_gap has no effect without contact; add [contact] or remove it", experiment.path));
+  const bool zero = std::any_of(experiment.free.begin(), experiment.free.end(),
+                                [](const FreeSettings& free) { return free.id.starts_with("zero_"); });
+  if (!experiment.zero_offset_per.empty() && !zero) {
+    throw InputError(
+        fmt::format("{}: [bench] zero_offset_per: all zero errors stay 0; free some of them, for example "
+                    "[fit.free.zero_1], or remove the key",
+                    experiment.path));
+  }
+}
+
+}  // namespace
+
+Experiment read_experiment(const std::string& path) {
+  const TomlFile file(path);
+  if (file.has("simulation"))
+    throw InputError(
+        fmt::format("{0}: this file describes a simulation, without a bench; run `taut simulate {0}`", path));
+  TableReader root = file.root();
+  Experiment experiment;
+  experiment.path = path;
+  experiment.title = root.text("title");
+  const std::string data = root.text("data");
+  if (data != "measured" && data != "simulated")
+    root.fail("data", fmt::format("'{}' is not known{}; allowed: measured, simulated", data,
+                                  did_you_mean(data, {"measured", "simulated"})));
+  experiment.simulated = data == "simulated";
+  read_model(root, experiment);
+
+  experiment.geometry = read_geometry(root.table("geometry"), path);
+  const int d = experiment.geometry.dimension;
+  if (auto mesh = root.optional_table("mesh")) {
+    read_mesh(*mesh, experiment.geometry, experiment.mesh);
+    mesh->finish();
+  } else if (experiment.geometry.kind != "msh") {
+    root.table("mesh");  // says that it is missing
+  }
+  experiment.materials = read_materials(root);
+
+  if (auto gravity = root.optional_table("gravity")) {
+    experiment.gravity = gravity->optional_quantity("acceleration", Quantity::acceleration).value_or(9.81);
+    if (!(experiment.gravity > 0))
+      gravity->fail("acceleration", "the acceleration must be positive; its direction is given by 'direction'");
+    if (gravity->boolean("self_weight", true)) {
+      experiment.gravity_direction = direction_of(*gravity, d);
+      if (std::none_of(experiment.materials.begin(), experiment.materials.end(),
+                       [](const MaterialSettings& m) { return m.density.has_value(); })) {
+        gravity->fail("",
+                      "self-weight needs a density; add density = \"1070 kg/m3\" to the materials that have weight, or "
+                      "set self_weight = false");
+      }
+    } else if (gravity->has("direction")) {
+      direction_of(*gravity, d);
+    }
+    gravity->finish();
+  }
+
+  for (TableReader& table : root.tables("support")) {
+    SupportSettings support;
+    support.on = table.text("on");
+    for (const std::string& name : table.texts_or_none("fix"))
+      support.fix.push_back(component_of(table, "fix", name, d));
+    if (table.has("move")) {
+      support.component = component_of(table, "move", table.text("move"), d);
+      support.control = table.text("id");
+      support.column = table.text("column");
+    }
+    support.rotation_stiffness = table.optional_quantity("rotation_stiffness", Quantity::rotation_stiffness);
+    if (support.rotation_stiffness && (!(*support.rotation_stiffness > 0) || d != 2 || !support.fix.empty()))
+      table.fail("rotation_stiffness",
+                 "an elastic clamp is positive, stands in a 2D model and takes the place of 'fix'");
+    if (support.fix.empty() && support.control.empty() && !support.rotation_stiffness)
+      table.fail(
+          "", "a support needs 'fix' (a list of components), 'move' with 'id' and 'column', or 'rotation_stiffness'");
+    table.finish();
+    experiment.supports.push_back(support);
+  }
+  if (experiment.supports.empty())
+    root.fail("", "there is no support; add [[support]] with on = \"TAG\" and fix = [\"x\", \"y\"]");
+
+  for (TableReader& table : root.tables("load")) experiment.loads.push_back(read_load(table, experiment.geometry));
+  for (const LoadSettings& load : experiment.loads) {
+    if (!load.column.empty()) experiment.bench.controls.push_back({load.id, load.column, {load.quantity}});
+  }
+  for (const SupportSettings& support : experiment.supports) {
+    if (!support.control.empty())
+      experiment.bench.controls.push_back({support.control, support.column, {Quantity::length}});
+  }
+
+  if (auto cables = root.optional_table("cables")) read_cables(*cables, experiment);
+  for (const auto& [id, column] : experiment.cables.columns)
+    experiment.bench.controls.push_back({id, column, {Quantity::length}});
+  experiment.contact.on = experiment.geometry.kind == "push_puppet";
+  if (auto contact = root.optional_table("contact")) read_contact(*contact, experiment);
+
+  for (TableReader& table : root.tables("channel")) {
+    BenchFormat::Channel& bench = experiment.bench.channels.emplace_back();
+    experiment.channels.push_back(read_channel(table, experiment.geometry, bench));
+  }
+  if (experiment.channels.empty())
+    root.fail("", "there is no channel; add [[channel]] for what is measured, with id, point or on, and direction");
+  refuse_repeated_ids(experiment);
+
+  TableReader bench = root.table("bench");
+  if (bench.choice("kind", {"readings", "recordings"}) == "recordings") {
+    if (experiment.model != Rung::full)
+      root.fail("model", "recordings over time are replayed by the full model; leave 'model' out");
+    read_recordings(std::move(bench), root, experiment);
+  } else {
+    read_bench(std::move(bench), experiment);
+  }
+  if (auto fit = root.optional_table("fit")) read_fit(*fit, experiment);
+  if (auto solver = root.optional_table("solver")) read_solver(*solver, experiment);
+  if (auto figures = root.optional_table("figures")) read_figures(*figures, experiment);
+  refuse_without_effect(experiment);
+  root.finish();
+  return experiment;
+}
+
+}  // namespace taut

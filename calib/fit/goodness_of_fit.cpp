@@ -1,0 +1,46 @@
+#include "calib/fit/goodness_of_fit.hpp"
+
+#include <algorithm>
+#include <boost/math/distributions/chi_squared.hpp>
+#include <boost/math/distributions/fisher_f.hpp>
+#include <cmath>
+#include <map>
+
+namespace taut {
+
+double chi_squared_probability(double value, int dof) {
+  if (dof <= 0) return 1;
+  return boost::math::cdf(boost::math::complement(boost::math::chi_squared(dof), value));
+}
+
+LackOfFit lack_of_fit(const std::vector<Measurement>& measurements, double chi_squared, size_t parameters) {
+  struct Sums {
+    double w = 0, wy = 0;
+  };
+  std::map<int, Sums> groups;
+  for (const Measurement& m : measurements) {
+    Sums& sums = groups[m.group];
+    const double w = 1 / (m.sigma * m.sigma);
+    sums.w += w;
+    sums.wy += w * m.value;
+  }
+  double pure_error = 0;
+  for (const Measurement& m : measurements) {
+    const Sums& sums = groups[m.group];
+    pure_error += std::pow((m.value - sums.wy / sums.w) / m.sigma, 2);
+  }
+  LackOfFit result;
+  result.pure_error = pure_error;
+  result.pure_error_dof = static_cast<int>(measurements.size() - groups.size());
+  result.lack_of_fit = std::max(0.0, chi_squared - pure_error);
+  result.lack_of_fit_dof = static_cast<int>(groups.size()) - static_cast<int>(parameters);
+  result.available = result.pure_error_dof > 0 && result.lack_of_fit_dof > 0 && pure_error > 0;
+  if (result.available) {
+    result.F = (result.lack_of_fit / result.lack_of_fit_dof) / (result.pure_error / result.pure_error_dof);
+    const boost::math::fisher_f distribution(result.lack_of_fit_dof, result.pure_error_dof);
+    result.p_value = boost::math::cdf(boost::math::complement(distribution, result.F));
+  }
+  return result;
+}
+
+}  // namespace taut

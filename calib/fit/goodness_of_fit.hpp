@@ -1,0 +1,15 @@
+#pragma once
+#include <vector>
+
+#include "calib/fit/fit.hpp"
+
+namespace taut {
+
+/// Probability that chi squared with `dof` degrees of freedom exceeds `value`; 1 without degrees of freedom.
+double chi_squared_probability(double value, int dof);
+
+/// Splits chi squared into the scatter of repeats about their weighted means and the rest, and compares the two (see
+/// LackOfFit). `parameters` is the number that was fitted.
+LackOfFit lack_of_fit(const std::vector<Measurement>& measurements, double chi_squared, size_t parameters);
+
+}  // namespace taut

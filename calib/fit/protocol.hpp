@@ -1,0 +1,39 @@
+#pragma once
+#include <Eigen/Core>
+#include <string>
+#include <vector>
+
+#include "sim/core/parameters.hpp"
+
+namespace taut {
+
+/// What a protocol says about its rows at one set of parameters.
+struct Prediction {
+  Eigen::VectorXd values;       ///< one per row, SI; NaN where the simulation failed
+  Eigen::MatrixXd derivatives;  ///< rows x free parameters, SI; empty when not asked for
+  /// One sentence per failed condition: which rows, what happened, at which parameters.
+  std::vector<std::string> failures;
+  bool complete() const { return failures.empty(); }
+};
+
+/// How an experiment is replayed: turns parameters into a prediction for each row of a bench, with derivatives.
+class Protocol {
+ public:
+  virtual ~Protocol() = default;
+  virtual const ParameterTable& parameters() const = 0;
+  /// Nominal values of all parameters.
+  virtual const Params& nominal() const = 0;
+  virtual int row_count() const = 0;
+  /// Predicts all rows at `p`, with derivatives with respect to the parameters `free` (table indices) when that is not
+  /// empty. May start from what earlier calls found: that changes the time, not the answer.
+  virtual Prediction predict(const Params& p, const std::vector<int>& free) = 0;
+  /// Forgets what earlier calls found: the next prediction goes the protocol's own path from the start.
+  virtual void forget() {}
+  /// Between begin_search() and end_search() derivatives may be off by some per cent: good enough to search by.
+  virtual void begin_search() {}
+  virtual void end_search() {}
+  /// Matrix factorisations since construction: what predictions cost, whatever the machine. 0 for closed forms.
+  virtual int factorisations() const { return 0; }
+};
+
+}  // namespace taut

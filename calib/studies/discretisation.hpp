@@ -1,0 +1,66 @@
+#pragma once
+#include <Eigen/Core>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "calib/benches/bench.hpp"
+
+namespace taut {
+
+/// The quadratic elements that an experiment's results tend to fastest on the mesh `settings`: locking-free ones where
+/// a Poisson's ratio exceeds 0.4 and volumes are held (3D, plane strain), or where `settings` has them.
+MeshSettings most_accurate(const Experiment& experiment, const MeshSettings& settings);
+
+/// What values on successively finer meshes tend to: Richardson's extrapolation and a grid convergence index
+/// (Celik et al., J. Fluids Eng. 130, 2008).
+struct Extrapolation {
+  Eigen::VectorXd limit;  ///< one per quantity; the finest value where they do not converge monotonically
+  Eigen::VectorXd error;  ///< of `limit`, one per quantity; NaN from a single mesh
+  double order = 0;       ///< in h, one for all quantities: measured from three meshes, else 1
+  bool measured = false;  ///< from three meshes with differences that shrink in the same direction
+};
+
+/// `values`: quantities x meshes, from coarse to fine, in units in which all quantities count alike; `h` their element
+/// sizes. With v = limit + c h^p on the finest three, order p from the differences of all quantities taken together,
+/// at most highest_order; error 1.25 |limit - v_finest|. From two meshes p = 1, the order beside a sharp corner between
+/// unlike materials, so that the error covers higher ones. Where differences grow, turn, or shrink more slowly than
+/// with p = 0.5, no extrapolation and 3 times the last difference as error.
+Extrapolation extrapolate(const std::vector<double>& h, const Eigen::MatrixXd& values, double highest_order);
+
+/// One Gauss-Newton step of a fit's weighted least squares from the parameters `p`, at which `prediction` holds values
+/// and derivatives: what fit() would find with this model, to first order in 1/E for logarithmic parameters (in which
+/// displacements of a linear solid are linear), within the bounds of `free`, by at most a factor of three. Parameters
+/// that the readings do not see stay, by the regularised inverse of fit(). Returns the change on the fitted scale: of
+/// the logarithm for logarithmic parameters, else SI.
+Eigen::VectorXd gauss_newton_step(const Prediction& prediction, const std::vector<Measurement>& measurements,
+                                  const ParameterTable& table, const Params& p, const std::vector<FreeParameter>& free);
+
+/// How much of each fitted parameter is a matter of how the specimen was cut into elements, or of the contact gap.
+struct DiscretisationShare {
+  std::string source;         ///< "mesh", "contact gap"
+  std::vector<double> bias;   ///< per free parameter, SI: as fitted, less what it would be without; NaN: not known
+  std::vector<double> error;  ///< of the bias, SI
+  std::string how;            ///< one sentence: from which meshes, or why it is not known
+  double seconds = 0;
+};
+
+/// "the mesh makes it 0.4 kPa too large, +- 0.2 kPa": the share's part in its j-th parameter, `estimate`.
+std::string describe(const DiscretisationShare& share, const ParameterEstimate& estimate, size_t j);
+
+/// The shares of mesh and contact gap in a fit of readings at rest. Models that are refined predict all readings at the
+/// optimum, with derivatives, and gauss_newton_step() from there, less that of the fit's own model, tells where their
+/// fit would end; nothing is fitted again.
+///
+/// Mesh: the finest three of most_accurate() meshes with sizes r^-2 ... r^2 times the fit's own, r = 2 in 2D and 1.45
+/// in 3D, that have at most 150 000 unknowns in 2D and 40 000 in 3D; then extrapolate() with orders up to 2, what
+/// clamped corners leave of quadratic elements' 4. Contact gap: half of it, then linearly to none, with half of the
+/// bias as error (the stand-off of closed faces is proportional to the gap).
+///
+/// `fit` has a result (a covariance); `experiment` and `trials` are those it was made with. A failed simulation makes
+/// the share unknown. `progress` is told what comes next.
+std::vector<DiscretisationShare> discretisation_shares(const Experiment& experiment, const Trials& trials,
+                                                       const FitResult& fit,
+                                                       const std::function<void(const std::string&)>& progress = {});
+
+}  // namespace taut

@@ -1,0 +1,231 @@
+#include "experiments/cli/ik_command.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <limits>
+#include <nlohmann/json.hpp>
+
+#include "experiments/cli/session.hpp"
+#include "experiments/cli/simulate_command.hpp"
+#include "reports/run_record.hpp"
+#include "reports/simulation_report.hpp"
+#include "sim/core/error.hpp"
+#include "sim/core/units.hpp"
+#include "sim/files/simulation.hpp"
+#include "sim/files/toml_reader.hpp"
+#include "sim/robots/robot_ik.hpp"
+#include "sim/terms/solid.hpp"
+
+namespace taut {
+namespace {
+
+struct Solved {
+  const IkTarget* target;
+  std::vector<IkAnswer> answers;  ///< one, or a path's
+};
+
+/// A path's points are numbered.
+std::string label_of(const Solved& solved, size_t k) {
+  return solved.answers.size() == 1 ? solved.target->name : fmt::format("{} {}", solved.target->name, k + 1);
+}
+
+const std::string& unit_of(const Robot& robot, const std::string& channel) {
+  return std::find_if(robot.readings.begin(), robot.readings.end(),
+                      [&](const RobotReading& reading) { return reading.id == channel; })
+      ->unit;
+}
+
+std::string unit_of_control(const Simulation& simulation, size_t k) {
+  return std::string(units_of(simulation.controls[k].quantity).front());
+}
+
+/// "11.36 mm", "-35.5 deg".
+std::string text_of(double value, const std::string& unit) {
+  const WrittenUnit written = written_unit(unit);
+  return fmt::format("{:.4g} {}", value / written.factor, written.label);
+}
+
+bool is_path(const Solved& solved) {
+  return solved.target->values.begin()->second.size() > 1;
+}
+
+/// Targets per second, the first point of a path left out: it comes from rest.
+double rate_of(const Solved& solved) {
+  double seconds = 0;
+  for (size_t k = 1; k < solved.answers.size(); ++k) seconds += solved.answers[k].result.seconds;
+  return seconds > 0 ? static_cast<double>(solved.answers.size() - 1) / seconds : 0;
+}
+
+void print_answer(const Simulation& simulation, const Robot& robot, const Solved& solved) {
+  const IkAnswer& answer = solved.answers.front();
+  const IkResult& result = answer.result;
+  fmt::print("{}: {}\n", solved.target->name, result.message);
+  for (size_t j = 0; j < answer.free.size() && result.controls.size() > 0; ++j) {
+    const size_t k = answer.free[j];
+    fmt::print("  {:<10} {:>14}{}\n", simulation.controls[k].id,
+               text_of(result.controls[static_cast<Eigen::Index>(j)], unit_of_control(simulation, k)),
+               result.bound[j] < 0   ? "  (lower bound)"
+               : result.bound[j] > 0 ? "  (upper bound)"
+                                     : "");
+  }
+  for (size_t i = 0; i < answer.achieved.size(); ++i) {
+    const std::string& unit = unit_of(robot, answer.channels[i]);
+    fmt::print("  {:<10} {:>14}  wanted {}\n", answer.channels[i], text_of(answer.achieved[i], unit),
+               text_of(answer.wanted[i], unit));
+  }
+  if (result.stiffness > 0)
+    fmt::print("  {:<10} {:>14}  wanted {}\n", "stiffness", text_of(result.stiffness, "N/m"),
+               text_of(solved.target->stiffness, "N/m"));
+  fmt::print("  {} iterations, {} equilibria, {} factorisations, {:.2f} s\n", result.iterations, result.solves,
+             result.factorisations, result.seconds);
+}
+
+void print_path(const Solved& solved) {
+  int reached = 0;
+  for (const IkAnswer& answer : solved.answers) reached += answer.result.status == IkStatus::reached;
+  fmt::print("{}: {} of {} points reached; {:.2g} targets per second after the first\n", solved.target->name, reached,
+             solved.answers.size(), rate_of(solved));
+  for (size_t k = 0; k < solved.answers.size(); ++k) {
+    const IkResult& result = solved.answers[k].result;
+    fmt::print("  {:>3} {:<12} error {:.2e} mm, {:>3} iterations, {:>4} factorisations, {:.2f} s\n", k + 1,
+               name_of(result.status), 1e3 * result.error, result.iterations, result.factorisations, result.seconds);
+  }
+}
+
+nlohmann::ordered_json json_of(const Simulation& simulation, const Robot& robot, const Solved& solved) {
+  nlohmann::ordered_json out;
+  out["name"] = solved.target->name;
+  if (is_path(solved)) out["targets_per_second"] = rate_of(solved);
+  for (const IkAnswer& answer : solved.answers) {
+    const IkResult& result = answer.result;
+    nlohmann::ordered_json one;
+    one["status"] = name_of(result.status);
+    one["message"] = result.message;
+    for (size_t j = 0; j < answer.free.size() && result.controls.size() > 0; ++j) {
+      one["controls"][simulation.controls[answer.free[j]].id] = {
+          {"value", result.controls[static_cast<Eigen::Index>(j)]},
+          {"unit", unit_of_control(simulation, answer.free[j])},
+          {"bound", result.bound[j]}};
+    }
+    for (size_t i = 0; i < answer.achieved.size(); ++i) {
+      one["channels"][answer.channels[i]] = {
+          {"wanted", answer.wanted[i]}, {"achieved", answer.achieved[i]}, {"unit", unit_of(robot, answer.channels[i])}};
+    }
+    if (answer.u.size() > 0) one["error_m"] = result.error;
+    if (result.stiffness > 0) one["stiffness_N_per_m"] = result.stiffness;
+    one["iterations"] = result.iterations;
+    one["equilibria"] = result.solves;
+    one["factorisations"] = result.factorisations;
+    one["seconds"] = result.seconds;
+    out["points"].push_back(one);
+  }
+  return out;
+}
+
+std::string csv_of(const std::vector<Solved>& all) {
+  std::string csv = "target,point,status,error_mm,stiffness_N_per_m,iterations,equilibria,factorisations,time_s\n";
+  for (const Solved& solved : all) {
+    for (size_t k = 0; k < solved.answers.size(); ++k) {
+      const IkResult& r = solved.answers[k].result;
+      const auto given = [](bool there, double value) { return there ? fmt::format("{:.9g}", value) : std::string(); };
+      csv += fmt::format("\"{}\",{},{},{},{},{},{},{},{:.4f}\n", solved.target->name, k + 1, name_of(r.status),
+                         given(solved.answers[k].u.size() > 0, 1e3 * r.error), given(r.stiffness > 0, r.stiffness),
+                         r.iterations, r.solves, r.factorisations, r.seconds);
+    }
+  }
+  return csv;
+}
+
+/// The poses as the states of a run over the number of the target; what has no state is left out.
+SimulationRecord make_ik_record(const Simulation& simulation, const Robot& robot, const std::vector<Solved>& all,
+                                const CommandOptions& options) {
+  SimulationRecord record = start_simulation_record(simulation, robot, options);
+  record.name += "_ik";
+  record.title += ": poses found for its targets";
+  record.sample_name = "pose";
+  record.sample_unit = "1";
+  for (const ControlSettings& control : simulation.controls)
+    record.controls.push_back({control.id, std::string(units_of(control.quantity).front()), control.id, {}});
+  for (const RobotReading& reading : robot.readings)
+    record.channels.push_back({reading.id, reading.unit, reading.meaning, {}});
+  double smallest = std::numeric_limits<double>::infinity();
+  int crossing = 0;
+  for (const Solved& solved : all) {
+    for (size_t k = 0; k < solved.answers.size(); ++k) {
+      const IkAnswer& answer = solved.answers[k];
+      if (answer.u.size() == 0) continue;
+      record.frames.push_back(static_cast<int>(record.samples.size()));
+      record.samples.push_back(static_cast<double>(record.samples.size() + 1));
+      record.states.push_back(answer.u);
+      for (size_t c = 0; c < robot.controls.size(); ++c)
+        record.controls[c].values.push_back(answer.p[robot.controls[c]]);
+      for (size_t c = 0; c < robot.readings.size(); ++c) {
+        const RobotReading& reading = robot.readings[c];
+        record.channels[c].values.push_back(reading.channel
+                                                ? reading.rest + reading.channel->value({answer.u, answer.p})
+                                                : std::numeric_limits<double>::quiet_NaN());
+      }
+      smallest = std::min(smallest, smallest_jacobian(record.mesh, answer.u));
+      if (robot.intersects && robot.intersects(answer.u)) ++crossing;
+      record.facts.emplace_back(fmt::format("pose {}", record.samples.size()),
+                                fmt::format("{}: {}", label_of(solved, k), answer.result.message));
+    }
+  }
+  record.facts.emplace_back("inverted elements", smallest > 0 ? fmt::format("none; smallest J = {:.3g}", smallest)
+                                                              : fmt::format("YES: smallest J = {:.3g}", smallest));
+  if (robot.intersects)
+    record.facts.emplace_back("intersections", crossing > 0 ? fmt::format("YES: in {} poses", crossing)
+                                                            : "none, by an exact test afterwards");
+  return record;
+}
+
+}  // namespace
+
+int ik_command(const CommandOptions& options) {
+  const auto refuse = [&](const std::string& why) { throw InputError(fmt::format("{}: {}", options.target, why)); };
+  if (!is_simulation(options.target)) refuse("there is no [simulation]; `taut ik` is for robots");
+  const Simulation simulation = read_simulation(options.target);
+  if (!simulation.ik) refuse("there is no [ik]; add [ik.control.ID] with bounds and [[ik.target]]");
+  std::vector<const IkTarget*> targets;
+  std::vector<std::string> names;
+  for (const IkTarget& target : simulation.ik->targets) {
+    names.push_back(target.name);
+    if (options.name.empty() || target.name == options.name) targets.push_back(&target);
+  }
+  if (targets.empty())
+    refuse(fmt::format("there is no target '{}'{}; targets: {}", options.name, did_you_mean(options.name, names),
+                       join(names)));
+  Progress progress(options.quiet);
+  const Robot robot = make_robot(simulation);
+  std::vector<Solved> all;
+  bool failed = false;
+  for (const IkTarget* target : targets) {
+    if (options.stop != nullptr && options.stop->load()) break;
+    progress.show(fmt::format("target {}", target->name));
+    all.push_back({target, solve_target(simulation, robot, *target, options.stop)});
+    for (const IkAnswer& answer : all.back().answers) failed = failed || answer.result.status == IkStatus::failed;
+  }
+  const bool interrupted = options.stop != nullptr && options.stop->load();
+  if (options.json) {
+    nlohmann::ordered_json json;
+    json["title"] = simulation.title;
+    json["simulated"] = true;
+    for (const Solved& solved : all) json["targets"].push_back(json_of(simulation, robot, solved));
+    fmt::print("{}\n", json.dump(2));
+  } else {
+    fmt::print("{} (inverse kinematics of a simulation)\n", simulation.title);
+    for (const Solved& solved : all) is_path(solved) ? print_path(solved) : print_answer(simulation, robot, solved);
+  }
+  const std::string folder = run_folder(options);
+  const SimulationRecord record = make_ik_record(simulation, robot, all, options);
+  if (!record.samples.empty()) {
+    write_simulation(record, folder);
+    write_file(folder + "/ik.csv", csv_of(all));
+    progress.say(fmt::format("report: {}/report.html", folder));
+  }
+  if (interrupted) return exit_interrupted;
+  return failed ? exit_solve : exit_ok;
+}
+
+}  // namespace taut

@@ -1,0 +1,239 @@
+#include "experiments/cli/simulate_command.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "experiments/cli/session.hpp"
+#include "experiments/cli/version.hpp"
+#include "reports/run_record.hpp"
+#include "reports/simulation_report.hpp"
+#include "sim/core/error.hpp"
+#include "sim/files/simulation.hpp"
+#include "sim/robots/simulate.hpp"
+
+namespace taut {
+namespace {
+
+std::string integrator_text(const Simulation& simulation) {
+  const std::string steps = simulation.tolerance > 0
+                                ? fmt::format("steps up to {}, error of a step kept at {:.2g} of the scene's size",
+                                              with_unit(simulation.step, "s"), simulation.tolerance)
+                                : fmt::format("steps of {}", with_unit(simulation.step, "s"));
+  switch (simulation.method) {
+    case SimulationMethod::quasi_static:
+      return fmt::format("equilibria at {} intervals; no inertia", with_unit(simulation.step, "s"));
+    case SimulationMethod::implicit_euler:
+      return "implicit Euler (order 1), " + steps +
+             fmt::format("; it damps a motion of frequency f by the ratio pi f h, {:.2g} at 10 Hz",
+                         M_PI * 10 * simulation.step);
+    case SimulationMethod::bdf2:
+      return "BDF2 (order 2), " + steps;
+    case SimulationMethod::cvode:
+      return fmt::format("CVODE (BDF), outputs every {}", with_unit(simulation.step, "s"));
+    case SimulationMethod::arkode_implicit:
+      return fmt::format("ARKODE (implicit Runge-Kutta), outputs every {}", with_unit(simulation.step, "s"));
+    case SimulationMethod::arkode_explicit:
+      return fmt::format("ARKODE (explicit Runge-Kutta), outputs every {}", with_unit(simulation.step, "s"));
+  }
+  return "";
+}
+
+/// What an independent test says of all accepted states, and what a run took, as label and text.
+std::vector<std::pair<std::string, std::string>> facts_of(const Simulation& simulation, const Robot& robot,
+                                                          const SimulationResult& result) {
+  std::vector<std::pair<std::string, std::string>> facts;
+  const Mesh& mesh = robot.scene.model->mesh();
+  facts.emplace_back(
+      "model", fmt::format("{} bodies, {} {} elements, {} unknowns", mesh.parts.size(), mesh.element_count(),
+                           order_of(mesh.shape) == 1 ? "linear" : "quadratic", robot.scene.model->free_unknowns()));
+  facts.emplace_back("time integration", integrator_text(simulation));
+  facts.emplace_back(
+      "took", fmt::format("{:.3g} s for {}: {} steps, {} repeated, {} Newton iterations, {} factorisations",
+                          result.seconds, with_unit(result.times.empty() ? 0 : result.times.back(), "s"), result.steps,
+                          result.repeated, result.iterations, result.factorisations));
+  if (!result.failure.empty()) facts.emplace_back("ended early", result.failure);
+  if (result.saddles_left > 0)
+    facts.emplace_back("buckling",
+                       fmt::format("{} equilibria were reached by leaving an unstable one", result.saddles_left));
+  facts.emplace_back("inverted elements", result.smallest_jacobian > 0
+                                              ? fmt::format("none in {} states; smallest J = {:.3g}",
+                                                            result.states.size(), result.smallest_jacobian)
+                                              : fmt::format("YES: smallest J = {:.3g}", result.smallest_jacobian));
+  if (robot.intersects) {
+    facts.emplace_back(
+        "intersections",
+        result.intersecting > 0
+            ? fmt::format("YES: in {} of {} states", result.intersecting, result.states.size())
+            : fmt::format("none in {} states, by an exact test afterwards; smallest distance {}", result.states.size(),
+                          std::isfinite(result.smallest_distance) ? with_unit(result.smallest_distance, "m")
+                                                                  : "over " + with_unit(0.01 * mesh.diagonal(), "m")));
+  }
+  if (!robot.joints.empty()) {
+    facts.emplace_back("joints",
+                       fmt::format("largest gap {}, largest motor error {:.3g} deg",
+                                   with_unit(result.largest_joint_gap, "m"), result.largest_motor_error * 180 / M_PI));
+  }
+  return facts;
+}
+
+Series series_of(const std::string& id, const std::string& unit, const std::string& meaning,
+                 const std::vector<double>& values) {
+  return {id, unit, meaning, values};
+}
+
+SimulationRecord make_record(const Simulation& simulation, const Robot& robot, const SimulationResult& result,
+                             const CommandOptions& options) {
+  SimulationRecord record = start_simulation_record(simulation, robot, options);
+  record.samples = result.times;
+  for (size_t k = 0; k < robot.controls.size(); ++k) {
+    const ControlSettings& control = simulation.controls[k];
+    record.controls.push_back(
+        series_of(control.id, units_of(control.quantity).front(), control.id, result.controls[k]));
+  }
+  for (size_t k = 0; k < robot.readings.size(); ++k) {
+    const RobotReading& reading = robot.readings[k];
+    record.channels.push_back(series_of(reading.id, reading.unit, reading.meaning, result.readings[k]));
+  }
+  if (simulation.method != SimulationMethod::quasi_static) {
+    record.channels.push_back(series_of("kinetic_energy", "J", "kinetic energy", result.kinetic));
+    record.channels.push_back(series_of("potential_energy", "J", "potential energy", result.potential));
+  }
+  const int samples = static_cast<int>(result.times.size());
+  const int frames = std::min(simulation.frames, samples);
+  for (int i = 0; i < frames; ++i) {
+    // Evenly over time; steps need not be even.
+    const double t = result.times.back() * i / std::max(1, frames - 1);
+    const auto at = std::lower_bound(result.times.begin(), result.times.end(), t - 1e-12);
+    const int sample = static_cast<int>(at - result.times.begin());
+    if (!record.frames.empty() && record.frames.back() >= sample) continue;
+    record.frames.push_back(sample);
+    record.states.push_back(result.states[static_cast<size_t>(sample)]);
+  }
+  for (const RobotPlot& plot : simulation.plots) record.plots.push_back({plot.id, plot.title, plot.x, plot.y});
+  record.facts = facts_of(simulation, robot, result);
+  return record;
+}
+
+void print_summary(const SimulationRecord& record, bool as_json) {
+  if (as_json) {
+    nlohmann::ordered_json json;
+    json["title"] = record.title;
+    json["simulated"] = true;
+    for (const auto& [label, text] : record.facts) json["facts"][label] = text;
+    for (const Series& series : record.channels) {
+      const auto [least, most] = std::minmax_element(series.values.begin(), series.values.end());
+      json["channels"][series.id] = {
+          {"unit", series.unit}, {"min", *least}, {"max", *most}, {"end", series.values.back()}};
+    }
+    for (const auto& workspace : record.workspaces) json["workspace_m2"][workspace.mode] = workspace.area;
+    fmt::print("{}\n", json.dump(2));
+    return;
+  }
+  fmt::print("{} (a simulation)\n", record.title);
+  for (const auto& [label, text] : record.facts) fmt::print("{:<18} {}\n", label, text);
+  fmt::print("{:<22} {:>14} {:>14} {:>14}\n", "channel", "least", "most", "end");
+  for (const Series& series : record.channels) {
+    const auto [least, most] = std::minmax_element(series.values.begin(), series.values.end());
+    fmt::print("{:<22} {:>14} {:>14} {:>14}\n", series.id, with_unit(*least, series.unit),
+               with_unit(*most, series.unit), with_unit(series.values.back(), series.unit));
+  }
+  for (const auto& workspace : record.workspaces)
+    fmt::print("workspace {:<12} {:.4g} cm2\n", workspace.mode, 1e4 * workspace.area);
+}
+
+}  // namespace
+
+SimulationRecord start_simulation_record(const Simulation& simulation, const Robot& robot,
+                                         const CommandOptions& options) {
+  SimulationRecord record;
+  record.name = file_name_of(experiment_name(simulation.path));
+  record.title = simulation.title;
+  record.description = simulation.description;
+  record.mesh = robot.scene.model->mesh();
+  for (size_t k = 0; k < robot.cables.size(); ++k)
+    record.lines.push_back({simulation.cables[k].id, robot.cables[k].points});
+  for (const std::vector<Eigen::Vector2d>& line : simulation.obstacles)
+    record.obstacles.emplace_back(line.begin(), line.end());
+  record.grounds = simulation.grounds;
+  record.command_line = options.command_line;
+  record.version = fmt::format("{} ({})", version(), commit());
+  record.experiment_text = read_file(simulation.path);
+  return record;
+}
+
+int check_simulation(const CommandOptions& options) {
+  const Simulation simulation = read_simulation(options.target);
+  const Robot robot = make_robot(simulation);
+  const Mesh& mesh = robot.scene.model->mesh();
+  std::vector<std::pair<std::string, std::string>> lines;
+  for (const Part& part : mesh.parts)
+    lines.emplace_back("body " + part.name, fmt::format("{} elements, {} nodes", part.element_count, part.node_count));
+  lines.emplace_back("unknowns", fmt::format("{}", robot.scene.model->free_unknowns()));
+  lines.emplace_back("time integration",
+                     integrator_text(simulation) + fmt::format(", {} in all", with_unit(simulation.duration, "s")));
+  for (size_t k = 0; k < robot.controls.size(); ++k) {
+    const ControlSettings& control = simulation.controls[k];
+    const std::string unit = units_of(control.quantity).front();
+    lines.emplace_back("control " + control.id,
+                       fmt::format("{} at the start, {} at the end", with_unit(control.schedule.at(0), unit),
+                                   with_unit(control.schedule.at(simulation.duration), unit)));
+  }
+  for (const RobotReading& reading : robot.readings) lines.emplace_back("channel " + reading.id, reading.meaning);
+  if (options.json) {
+    nlohmann::ordered_json json;
+    json["title"] = simulation.title;
+    for (const auto& [label, text] : lines) json[label] = text;
+    fmt::print("{}\n", json.dump(2));
+    return exit_ok;
+  }
+  fmt::print("{} (a simulation)\n", simulation.title);
+  for (const auto& [label, text] : lines) fmt::print("{:<24} {}\n", label, text);
+  return exit_ok;
+}
+
+int simulate_command(const CommandOptions& options) {
+  if (!is_simulation(options.target))
+    throw InputError(
+        fmt::format("{}: this is an experiment with a bench, not a simulation (there is no [simulation]); "
+                    "use `taut replay` or `taut fit`",
+                    options.target));
+  const Simulation simulation = read_simulation(options.target);
+  Progress progress(options.quiet);
+  const Robot robot = make_robot(simulation);
+  progress.say(fmt::format("{}: {} unknowns", simulation.title, robot.scene.model->free_unknowns()));
+  SimulateOptions simulate_options;
+  simulate_options.stop = options.stop;
+  simulate_options.progress = [&](double t, const SimulationResult& so_far) {
+    progress.show(
+        fmt::format("{} of {}, {} steps", with_unit(t, "s"), with_unit(simulation.duration, "s"), so_far.steps));
+  };
+  const SimulationResult result = simulate(simulation, robot, simulate_options);
+  if (result.times.empty()) {
+    fmt::print(stderr, "taut: {}: {}\n", simulation.path, result.failure);
+    return result.interrupted ? exit_interrupted : exit_solve;
+  }
+  SimulationRecord record = make_record(simulation, robot, result, options);
+  if (simulation.workspace && result.failure.empty()) {
+    for (const WorkspaceMode& mode : simulation.workspace->modes) {
+      progress.say(fmt::format("workspace of mode {}", mode.name));
+      if (options.stop != nullptr && options.stop->load()) break;
+      const WorkspaceResult reached = sample_workspace(simulation, robot, mode, options.stop);
+      if (reached.failures > 0)
+        record.facts.emplace_back("workspace " + mode.name,
+                                  fmt::format("{} samples had no equilibrium and are left out", reached.failures));
+      record.workspaces.push_back({reached.mode, reached.points, reached.area, reached.outline});
+    }
+  }
+  const std::string folder = run_folder(options);
+  write_simulation(record, folder);
+  print_summary(record, options.json);
+  progress.say(fmt::format("report: {}/report.html", folder));
+  if (result.interrupted || (options.stop != nullptr && options.stop->load())) return exit_interrupted;
+  const bool unsound = result.smallest_jacobian <= 0 || result.intersecting > 0;
+  return result.failure.empty() && !unsound ? exit_ok : exit_solve;
+}
+
+}  // namespace taut

@@ -1,0 +1,521 @@
+#include "sim/files/simulation.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+#include "sim/core/error.hpp"
+#include "sim/files/tables.hpp"
+
+namespace taut {
+namespace {
+
+constexpr double max_steps = 1e6;  // all states are kept
+
+Quantity quantity_of_text(const TableReader& table, std::string_view key, const std::string& text,
+                          const std::vector<Quantity>& allowed) {
+  const size_t blank = text.rfind(' ');
+  const std::string unit = blank == std::string::npos ? "" : text.substr(blank + 1);
+  std::vector<std::string> names;
+  for (Quantity quantity : allowed) {
+    const std::vector<std::string> units = units_of(quantity);
+    if (std::find(units.begin(), units.end(), unit) != units.end()) return quantity;
+    names.emplace_back(name_of(quantity));
+  }
+  table.fail(key, fmt::format("'{}' has not a unit that fits; allowed: {}", text, join(names)));
+}
+
+template <class Container>
+std::vector<std::string> ids_of(const Container& items) {
+  std::vector<std::string> ids;
+  for (const auto& item : items) ids.push_back(item.id);
+  return ids;
+}
+
+std::string known_id(TableReader& table, std::string_view key, const std::vector<std::string>& ids,
+                     std::string_view what) {
+  const std::string id = table.text(key);
+  if (std::find(ids.begin(), ids.end(), id) == ids.end())
+    table.fail(key, fmt::format("'{}' is not {}{}; allowed: {}", id, what, did_you_mean(id, ids),
+                                ids.empty() ? "none is there" : join(ids)));
+  return id;
+}
+
+std::vector<std::string> body_names(const Simulation& simulation) {
+  std::vector<std::string> names;
+  for (const BodySettings& body : simulation.bodies) names.push_back(body.name);
+  return names;
+}
+
+Quantity control_quantity(const Simulation& simulation, const std::string& id) {
+  for (const ControlSettings& control : simulation.controls) {
+    if (control.id == id) return control.quantity;
+  }
+  return Quantity::pure;
+}
+
+/// The id of a control of the given quantity.
+std::string control_of(TableReader& table, std::string_view key, const Simulation& simulation, Quantity quantity) {
+  const std::string id = known_id(table, key, ids_of(simulation.controls), "a [[control]]");
+  if (control_quantity(simulation, id) != quantity)
+    table.fail(key, fmt::format("control '{}' is not {} {}; its start says what it is", id,
+                                quantity == Quantity::angle ? "an" : "a", name_of(quantity)));
+  return id;
+}
+
+void read_method(TableReader table, Simulation& simulation) {
+  const std::string method =
+      table.choice("integrator", {"implicit_euler", "bdf2", "static", "cvode", "arkode_implicit", "arkode_explicit"});
+  simulation.method = method == "static"            ? SimulationMethod::quasi_static
+                      : method == "bdf2"            ? SimulationMethod::bdf2
+                      : method == "cvode"           ? SimulationMethod::cvode
+                      : method == "arkode_implicit" ? SimulationMethod::arkode_implicit
+                      : method == "arkode_explicit" ? SimulationMethod::arkode_explicit
+                                                    : SimulationMethod::implicit_euler;
+  simulation.duration = table.quantity("duration", Quantity::time);
+  simulation.step = table.quantity("step", Quantity::time);
+  if (!(simulation.duration > 0)) table.fail("duration", "the duration must be positive");
+  if (!(simulation.step > 0 && simulation.step <= simulation.duration))
+    table.fail("step", "the step must be positive and not longer than the duration");
+  if (simulation.duration / simulation.step > max_steps)
+    table.fail("duration", fmt::format("{:.3g} steps are too many; at most {:.0e} are allowed",
+                                       simulation.duration / simulation.step, max_steps));
+  simulation.tolerance = table.optional_quantity("tolerance", Quantity::pure).value_or(0);
+  if (simulation.tolerance < 0 || simulation.tolerance > 0.1)
+    table.fail("tolerance", "a number from 0 (fixed steps) to 0.1 belongs here, relative to the size of the scene");
+  simulation.from_equilibrium = table.choice("start", {"rest", "equilibrium"}) == "equilibrium";
+  simulation.frames = table.integer("frames", simulation.frames, 2);
+  simulation.mass =
+      table.choice("mass", {"consistent", "lumped"}) == "lumped" ? MassForm::lumped : MassForm::consistent;
+  simulation.dimension = table.integer("dimension", 2, 2);
+  if (simulation.dimension > 3) table.fail("dimension", "2 or 3 belongs here");
+  if (simulation.dimension == 2) read_plane(table, simulation.thickness, simulation.plane);
+  if (auto gravity = table.optional_quantity("gravity", Quantity::acceleration)) {
+    simulation.gravity = *gravity;
+    if (!(*gravity > 0)) table.fail("gravity", "the acceleration must be positive; 'direction' says where to");
+    simulation.gravity_direction = direction_of(table, simulation.dimension);
+  }
+  EquilibriumOptions& options = simulation.equilibrium;
+  options.max_iterations = table.integer("max_iterations", 60, 1);
+  table.finish();
+}
+
+void read_body(TableReader& table, Simulation& simulation) {
+  BodySettings body;
+  body.name = table.text("name");
+  if (body.name == "world" || body.name.find('.') != std::string::npos)
+    table.fail("name", "a body must not be called 'world', and names have no dots");
+  for (const BodySettings& other : simulation.bodies) {
+    if (other.name == body.name)
+      table.fail("name", fmt::format("the body '{}' is there already; choose another name", body.name));
+  }
+  const size_t d = static_cast<size_t>(simulation.dimension);
+  body.geometry = read_geometry(table.table("geometry"), simulation.path, false);
+  if (body.geometry.dimension != simulation.dimension)
+    table.fail("geometry", fmt::format("a {}D body in a {}D simulation; set dimension in [simulation]",
+                                       body.geometry.dimension, simulation.dimension));
+  TableReader mesh = table.table("mesh");
+  read_mesh(mesh, body.geometry, body.mesh);
+  mesh.finish();
+  if (!simulation.bodies.empty() && simulation.bodies[0].mesh.formulation != body.mesh.formulation)
+    table.fail("mesh", "all bodies have one formulation, since they may share materials; give them the same");
+  body.at = table.has("at") ? table.quantities("at", Quantity::length, d) : std::vector<double>(d, 0.0);
+  body.angle = table.optional_quantity("turned", Quantity::angle).value_or(0);
+  if (table.has("velocity")) body.velocity = table.quantities("velocity", Quantity::speed, d);
+  for (const std::string& tag : table.texts_or_none("clamped"))
+    body.fixed.emplace_back(tag, d == 2 ? std::vector<int>{0, 1} : std::vector<int>{0, 1, 2});
+  table.finish();
+  simulation.bodies.push_back(std::move(body));
+}
+
+void read_control(TableReader& table, Simulation& simulation) {
+  ControlSettings control;
+  control.id = table.text("id");
+  const std::string start = table.text("start");
+  control.quantity =
+      quantity_of_text(table, "start", start, {Quantity::length, Quantity::angle, Quantity::force, Quantity::mass});
+  control.schedule = ControlSchedule(parse_quantity(start, control.quantity, table.where("start")));
+  for (TableReader& one : table.tables("piece")) {
+    ControlSchedule::Piece piece;
+    piece.until = one.quantity("until", Quantity::time);
+    const std::string kind = one.choice("kind", {"smooth", "linear", "hold", "sine"});
+    if (kind == "sine") {
+      piece.kind = ControlSchedule::Kind::sine;
+      piece.amplitude = one.quantity("amplitude", control.quantity);
+      const double period = one.quantity("period", Quantity::time);
+      if (!(period > 0)) one.fail("period", "the period must be positive");
+      piece.frequency = 1 / period;
+      piece.phase = one.optional_quantity("phase", Quantity::angle).value_or(0);
+    } else if (kind != "hold") {
+      piece.kind = kind == "linear" ? ControlSchedule::Kind::linear : ControlSchedule::Kind::smooth;
+      piece.target = one.quantity("to", control.quantity);
+    }
+    try {
+      control.schedule.add(piece);
+    } catch (const InputError& error) {
+      one.fail("until", error.what());
+    }
+    one.finish();
+  }
+  table.finish();
+  if (control.quantity == Quantity::mass) {
+    // Between the ends of its pieces only a sine can go below them.
+    for (int i = 0; i <= 1000; ++i) {
+      if (control.schedule.at(simulation.duration * i / 1000) < 0)
+        table.fail("", fmt::format("the mass '{}' becomes negative; give zero or more", control.id));
+    }
+  }
+  simulation.controls.push_back(std::move(control));
+}
+
+void read_cable(TableReader& table, Simulation& simulation) {
+  RobotCable cable;
+  cable.id = cable.path.id = table.text("id");
+  cable.body = known_id(
+      table, "body",
+      [&] {
+        std::vector<std::string> names = body_names(simulation);
+        return names;
+      }(),
+      "a [[body]]");
+  if (table.has("x")) {
+    cable.path.points = read_points(table, simulation.dimension);
+    if (cable.path.points.size() < 2) table.fail("x", "a cable needs at least two points");
+    const std::string fixed = table.choice("fixed", {"none", "start", "end", "both"});
+    cable.path.start_fixed = fixed == "start" || fixed == "both";
+    cable.path.end_fixed = fixed == "end" || fixed == "both";
+  } else {
+    cable.path.id = table.text("path");  // one of the geometry's own
+    cable.path.start_fixed = table.boolean("anchored", false);
+  }
+  cable.k = table.quantity("k", Quantity::stiffness);
+  if (!(cable.k > 0)) table.fail("k", "the stiffness must be positive");
+  cable.slack = table.optional_quantity("slack", Quantity::length).value_or(0);
+  cable.smoothing = table.optional_quantity("smoothing", Quantity::length).value_or(cable.smoothing);
+  if (table.has("retraction")) cable.path.control = control_of(table, "retraction", simulation, Quantity::length);
+  table.finish();
+  simulation.cables.push_back(std::move(cable));
+}
+
+void read_joint(TableReader& table, Simulation& simulation) {
+  RobotJoint joint;
+  const size_t d = static_cast<size_t>(simulation.dimension);
+  joint.id = table.text("id");
+  const std::vector<std::string> between = table.texts("between");
+  std::vector<std::string> bodies = body_names(simulation);
+  bodies.emplace_back("world");
+  if (between.size() != 2 || between[0] == between[1])
+    table.fail("between", "two different bodies belong here, the first of which may be \"world\"");
+  for (const std::string& body : between) {
+    if (std::find(bodies.begin(), bodies.end(), body) == bodies.end())
+      table.fail("between",
+                 fmt::format("'{}' is not a [[body]]{}; allowed: {}", body, did_you_mean(body, bodies), join(bodies)));
+  }
+  if (between[1] == "world") table.fail("between", "the world comes first");
+  joint.first = between[0];
+  joint.second = between[1];
+  joint.at = table.quantities("at", Quantity::length, d);
+  if (d == 3) joint.axis_end = table.quantities("axis_end", Quantity::length, d);
+  joint.radius = table.optional_quantity("radius", Quantity::length).value_or(0);
+  joint.stiffness = table.optional_quantity("stiffness", Quantity::stiffness);
+  if (table.has("angle")) {
+    joint.control = control_of(table, "angle", simulation, Quantity::angle);
+    joint.motor_at = table.quantities("motor_at", Quantity::length, d);
+  }
+  table.finish();
+  simulation.joints.push_back(std::move(joint));
+}
+
+void read_load(TableReader& table, Simulation& simulation) {
+  RobotLoad load;
+  load.id = table.text("id");
+  load.on = table.text("on");
+  load.direction = direction_of(table, simulation.dimension);
+  if (table.has("control")) {
+    load.control = known_id(table, "control", ids_of(simulation.controls), "a [[control]]");
+    load.quantity = control_quantity(simulation, load.control);
+    if (load.quantity != Quantity::force && load.quantity != Quantity::mass)
+      table.fail("control", "a load is a force or a hung mass");
+  } else {
+    const std::string value = table.text("value");
+    load.quantity = quantity_of_text(table, "value", value, {Quantity::force, Quantity::mass});
+    load.value = parse_quantity(value, load.quantity, table.where("value"));
+    if (load.quantity == Quantity::mass && load.value < 0)
+      table.fail("value", fmt::format("a mass of {} is negative; give zero or more", value));
+  }
+  table.finish();
+  simulation.loads.push_back(std::move(load));
+}
+
+void read_contact(TableReader table, Simulation& simulation) {
+  const size_t d = static_cast<size_t>(simulation.dimension);
+  simulation.contact = true;
+  simulation.contact_gap = table.quantity("gap", Quantity::length);
+  if (!(simulation.contact_gap > 0)) table.fail("gap", "the contact gap must be positive");
+  if (auto pressures = table.optional_table("pressure")) {
+    for (const MaterialSettings& material : simulation.materials) {
+      if (const auto value = pressures->optional_quantity(material.region, Quantity::pressure)) {
+        if (!(*value > 0)) pressures->fail(material.region, "the pressure must be positive");
+        simulation.contact_pressure[material.region] = *value;
+      }
+    }
+    pressures->finish();
+  }
+  for (TableReader& one : table.tables("obstacle")) {
+    if (d == 3) one.fail("", "obstacles are for 2D simulations; use a ground or a clamped body");
+    std::vector<Eigen::Vector2d>& line = simulation.obstacles.emplace_back();
+    for (const std::vector<double>& point : read_points(one, 2)) line.emplace_back(point[0], point[1]);
+    if (line.size() < 2) one.fail("x", "an obstacle needs at least two points");
+    one.finish();
+  }
+  for (TableReader& one : table.tables("ground")) {
+    const std::vector<double> point = one.quantities("point", Quantity::length, d), normal = one.numbers("normal", d);
+    const Eigen::VectorXd n = Eigen::Map<const Eigen::VectorXd>(normal.data(), static_cast<Eigen::Index>(d));
+    if (!(n.norm() > 0)) one.fail("normal", "the normal must not be all zeros; it points to where things may be");
+    simulation.grounds.emplace_back(Eigen::Map<const Eigen::VectorXd>(point.data(), static_cast<Eigen::Index>(d)),
+                                    n.normalized());
+    one.finish();
+  }
+  table.finish();
+}
+
+void read_channel(TableReader& table, Simulation& simulation) {
+  using Kind = RobotChannel::Kind;
+  static const std::vector<std::pair<std::string, Kind>> kinds{
+      {"position", Kind::position},         {"displacement", Kind::displacement}, {"rotation", Kind::rotation},
+      {"tension", Kind::tension},           {"joint_gap", Kind::joint_gap},       {"joint_angle", Kind::joint_angle},
+      {"joint_torque", Kind::joint_torque}, {"net_force", Kind::net_force}};
+  RobotChannel channel;
+  channel.id = table.text("id");
+  std::vector<std::string> names;
+  for (const auto& [name, kind] : kinds) names.push_back(name);
+  const std::string name = table.choice("kind", names);
+  for (const auto& [known, kind] : kinds) {
+    if (known == name) channel.kind = kind;
+  }
+  switch (channel.kind) {
+    case Kind::tension:
+      channel.of = known_id(table, "of", ids_of(simulation.cables), "a [[cable]]");
+      break;
+    case Kind::joint_gap:
+    case Kind::joint_angle:
+    case Kind::joint_torque:
+      channel.of = known_id(table, "of", ids_of(simulation.joints), "a [[joint]]");
+      break;
+    case Kind::net_force:
+      if (simulation.method != SimulationMethod::implicit_euler && simulation.method != SimulationMethod::bdf2)
+        table.fail("kind", "a net_force is mass times acceleration, which only implicit_euler and bdf2 hand out");
+      channel.of = known_id(table, "of", body_names(simulation), "a [[body]]");
+      break;
+    default:
+      channel.of = table.text("of");  // a tag or a body, which the mesh knows
+  }
+  const bool directed = channel.kind == Kind::position || channel.kind == Kind::displacement ||
+                        channel.kind == Kind::net_force ||
+                        (channel.kind == Kind::rotation && simulation.dimension == 3);
+  if (directed) channel.direction = direction_of(table, simulation.dimension);
+  table.finish();
+  simulation.channels.push_back(std::move(channel));
+}
+
+void read_workspace(TableReader table, Simulation& simulation) {
+  WorkspaceSettings workspace;
+  workspace.x = known_id(table, "x", ids_of(simulation.channels), "a [[channel]]");
+  workspace.y = known_id(table, "y", ids_of(simulation.channels), "a [[channel]]");
+  for (const RobotChannel& channel : simulation.channels) {
+    const bool place = channel.kind == RobotChannel::Kind::position || channel.kind == RobotChannel::Kind::displacement;
+    if ((channel.id == workspace.x || channel.id == workspace.y) && !place)
+      table.fail("x", fmt::format("'{}' is not a position or displacement, which span a workspace", channel.id));
+  }
+  workspace.samples = table.integer("samples", 200, 3);
+  for (TableReader& one : table.tables("mode")) {
+    WorkspaceMode mode;
+    mode.name = one.text("name");
+    for (const ControlSettings& control : simulation.controls) {
+      if (!one.has(control.id)) continue;
+      const std::vector<double> range = one.quantities(control.id, control.quantity, 2);
+      mode.ranges[control.id] = {range[0], range[1]};
+    }
+    if (mode.ranges.empty())
+      one.fail("", "no control moves in this mode; add for example left1 = [\"0 mm\", \"5 mm\"]");
+    one.finish();
+    workspace.modes.push_back(std::move(mode));
+  }
+  if (workspace.modes.empty()) table.fail("", "there is no mode; add [[workspace.mode]] with name and ranges");
+  table.finish();
+  simulation.workspace = std::move(workspace);
+}
+
+/// One target, or a path: lists of values, through which the controls go from point to point.
+IkTarget read_ik_target(TableReader& one, const Simulation& simulation, const IkSettings& ik, bool path) {
+  using Kind = RobotChannel::Kind;
+  IkTarget target;
+  target.name = one.text("name");
+  for (const RobotChannel& channel : simulation.channels) {
+    const bool place = channel.kind == Kind::position || channel.kind == Kind::displacement;
+    const bool angle = channel.kind == Kind::rotation || channel.kind == Kind::joint_angle;
+    if (!place && !angle) continue;
+    const Quantity quantity = angle ? Quantity::angle : Quantity::length;
+    if (one.has(channel.id))
+      target.values[channel.id] =
+          path ? one.quantities(channel.id, quantity, 0) : std::vector<double>{one.quantity(channel.id, quantity)};
+    if (!place) continue;
+    const std::string key = "stiffness_" + channel.id;
+    if (const auto value = one.optional_quantity(key, Quantity::stiffness)) {
+      if (!target.stiffness_of.empty()) one.fail(key, "one stiffness per target is allowed; leave the other one out");
+      if (!(*value > 0)) one.fail(key, "the stiffness must be positive");
+      target.stiffness_of = channel.id;
+      target.stiffness = *value;
+    }
+  }
+  for (const IkRange& control : ik.controls) {
+    if (const auto value = one.optional_quantity("hold_" + control.id, control_quantity(simulation, control.id)))
+      target.hold[control.id] = *value;
+  }
+  if (target.hold.size() == ik.controls.size()) one.fail("", "all controls are held; leave one free at least");
+  if (target.values.empty()) one.fail("", "a target needs the value of a channel, for example tip_x = \"150 mm\"");
+  for (const auto& [id, values] : target.values) {
+    if (values.size() != target.values.begin()->second.size() || values.empty())
+      one.fail(id, "all channels of a path need as many values, one at least");
+  }
+  one.finish();
+  return target;
+}
+
+void read_ik(TableReader table, Simulation& simulation) {
+  IkSettings ik;
+  for (auto& [id, one] : table.named_tables("control")) {
+    if (control_quantity(simulation, id) == Quantity::pure) {
+      const std::vector<std::string> ids = ids_of(simulation.controls);
+      one.fail("", fmt::format("'{}' is not a [[control]]{}; allowed: {}", id, did_you_mean(id, ids), join(ids)));
+    }
+    const Quantity quantity = control_quantity(simulation, id);
+    IkRange control{id, one.quantity("lower", quantity), one.quantity("upper", quantity), 0};
+    if (!(control.lower < control.upper)) one.fail("upper", "the upper bound must be above the lower one");
+    const auto settings = std::find_if(simulation.controls.begin(), simulation.controls.end(),
+                                       [&](const ControlSettings& c) { return c.id == id; });
+    control.nominal = one.optional_quantity("nominal", quantity)
+                          .value_or(std::clamp(settings->schedule.at(0), control.lower, control.upper));
+    if (!(control.nominal >= control.lower && control.nominal <= control.upper))
+      one.fail("nominal", "the nominal value must be within the bounds");
+    one.finish();
+    ik.controls.push_back(control);
+  }
+  if (ik.controls.empty()) table.fail("", "no control is free; add [ik.control.ID] with lower and upper");
+  ik.tolerance = table.optional_quantity("tolerance", Quantity::length).value_or(ik.tolerance);
+  for (TableReader& one : table.tables("target")) ik.targets.push_back(read_ik_target(one, simulation, ik, false));
+  for (TableReader& one : table.tables("path")) ik.targets.push_back(read_ik_target(one, simulation, ik, true));
+  if (ik.targets.empty()) table.fail("", "there is no target; add [[ik.target]] with name and the value of a channel");
+  table.finish();
+  simulation.ik = std::move(ik);
+}
+
+void refuse_repeated_ids(const Simulation& simulation) {
+  std::set<std::string> seen;
+  const auto check = [&](const std::vector<std::string>& ids) {
+    for (const std::string& id : ids) {
+      if (!seen.insert(id).second)
+        throw InputError(
+            fmt::format("{}: the id '{}' is used twice; ids of controls, cables, joints, loads and channels "
+                        "must differ",
+                        simulation.path, id));
+    }
+  };
+  check(ids_of(simulation.controls));
+  check(ids_of(simulation.cables));
+  check(ids_of(simulation.joints));
+  check(ids_of(simulation.loads));
+  check(ids_of(simulation.channels));
+  check({"time", "kinetic_energy", "potential_energy"});
+}
+
+/// Plots of series that will not be there, and controls that nothing listens to.
+void refuse_without_effect(const Simulation& simulation) {
+  std::vector<std::string> series{"time", "kinetic_energy", "potential_energy"};
+  for (const ControlSettings& control : simulation.controls) series.push_back(control.id);
+  for (const RobotChannel& channel : simulation.channels) series.push_back(channel.id);
+  for (const RobotPlot& plot : simulation.plots) {
+    std::vector<std::string> ids = plot.y;
+    if (!plot.x.empty()) ids.push_back(plot.x);
+    for (const std::string& id : ids) {
+      if (std::find(series.begin(), series.end(), id) == series.end())
+        throw InputError(fmt::format("{}: [plot] '{}': '{}' is neither a control nor a channel{}; allowed: {}",
+                                     simulation.path, plot.id, id, did_you_mean(id, series), join(series)));
+    }
+  }
+  for (const ControlSettings& control : simulation.controls) {
+    const auto uses = [&](const auto& items, auto&& control_of_item) {
+      return std::any_of(items.begin(), items.end(),
+                         [&](const auto& item) { return control_of_item(item) == control.id; });
+    };
+    if (!uses(simulation.cables, [](const RobotCable& cable) { return cable.path.control; }) &&
+        !uses(simulation.joints, [](const RobotJoint& joint) { return joint.control; }) &&
+        !uses(simulation.loads, [](const RobotLoad& load) { return load.control; }))
+      throw InputError(
+          fmt::format("{}: the control '{}' moves nothing; name it as the retraction of a cable, the angle of a "
+                      "joint or the control of a load, or remove it",
+                      simulation.path, control.id));
+  }
+}
+
+}  // namespace
+
+bool is_simulation(const std::string& path) {
+  return TomlFile(path).has("simulation");
+}
+
+Simulation read_simulation(const std::string& path) {
+  const TomlFile file(path);
+  TableReader root = file.root();
+  Simulation simulation;
+  simulation.path = path;
+  simulation.title = root.text("title");
+  simulation.description = root.text("description", "");
+  read_method(root.table("simulation"), simulation);
+  for (TableReader& table : root.tables("body")) read_body(table, simulation);
+  if (simulation.bodies.empty()) root.fail("", "there is no body; add [[body]] with name, geometry and mesh");
+  for (auto& [region, table] : root.named_tables("damping")) {
+    simulation.mass_damping[region] = table.optional_quantity("mass", Quantity::frequency).value_or(0);
+    simulation.stiffness_damping[region] = table.optional_quantity("stiffness", Quantity::time).value_or(0);
+    if (simulation.mass_damping[region] < 0 || simulation.stiffness_damping[region] < 0)
+      table.fail("", "damping must not be negative");
+    table.finish();
+  }
+  simulation.materials = read_materials(root);
+  const bool dynamic = simulation.method != SimulationMethod::quasi_static;
+  for (const MaterialSettings& material : simulation.materials) {
+    if ((dynamic || !simulation.gravity_direction.empty()) && !material.density)
+      throw InputError(fmt::format(
+          "{}: [materials.{}]: gravity, and a simulation over time, need a density; add for example density = "
+          "\"30 kg/m3\", or set integrator = \"static\" without gravity",
+          path, material.region));
+  }
+  for (const auto& [region, value] : simulation.mass_damping) {
+    std::vector<std::string> regions;
+    for (const MaterialSettings& material : simulation.materials) regions.push_back(material.region);
+    if (std::find(regions.begin(), regions.end(), region) == regions.end())
+      throw InputError(fmt::format("{}: [damping.{}]: there is no such material{}; allowed: {}", path, region,
+                                   did_you_mean(region, regions), join(regions)));
+  }
+  for (TableReader& table : root.tables("control")) read_control(table, simulation);
+  for (TableReader& table : root.tables("cable")) read_cable(table, simulation);
+  for (TableReader& table : root.tables("joint")) read_joint(table, simulation);
+  for (TableReader& table : root.tables("load")) read_load(table, simulation);
+  if (auto contact = root.optional_table("contact")) read_contact(*contact, simulation);
+  for (TableReader& table : root.tables("channel")) read_channel(table, simulation);
+  for (TableReader& table : root.tables("plot")) {
+    RobotPlot plot{table.text("id"), table.text("title"), table.text("x", ""), table.texts("y")};
+    table.finish();
+    simulation.plots.push_back(std::move(plot));
+  }
+  if (auto workspace = root.optional_table("workspace")) read_workspace(*workspace, simulation);
+  if (auto ik = root.optional_table("ik")) read_ik(*ik, simulation);
+  refuse_repeated_ids(simulation);
+  refuse_without_effect(simulation);
+  root.finish();
+  return simulation;
+}
+
+}  // namespace taut

@@ -1,0 +1,221 @@
+#include "sim/files/toml_reader.hpp"
+
+#include <fmt/format.h>
+#include <toml++/toml.h>
+
+#include <algorithm>
+#include <filesystem>
+
+#include "sim/core/error.hpp"
+
+namespace taut {
+
+struct TableReader::Nodes {
+  static const toml::table& table(const TableReader& reader) { return *static_cast<const toml::table*>(reader.table_); }
+
+  static const toml::node* find(TableReader& reader, std::string_view key) {
+    std::vector<std::string>& asked = reader.asked_;
+    if (std::find(asked.begin(), asked.end(), key) == asked.end()) asked.emplace_back(key);
+    return table(reader).get(key);
+  }
+
+  static const toml::node& get(TableReader& reader, std::string_view key) {
+    const toml::node* node = find(reader, key);
+    if (node == nullptr) reader.fail("", fmt::format("'{}' is missing; add it", key));
+    return *node;
+  }
+
+  static const toml::array& array(TableReader& reader, std::string_view key, size_t count) {
+    const toml::array* array = get(reader, key).as_array();
+    if (array == nullptr) reader.fail(key, "a list in square brackets belongs here");
+    if (count > 0 && array->size() != count)
+      reader.fail(key, fmt::format("the list has {} entries, but {} belong here", array->size(), count));
+    return *array;
+  }
+
+  static double quantity(const TableReader& reader, const toml::node& node, std::string_view key, Quantity quantity) {
+    if (const auto value = node.value_exact<std::string>()) return parse_quantity(*value, quantity, reader.where(key));
+    if (quantity == Quantity::pure && node.is_number()) {
+      const double value = *node.value<double>();
+      if (std::isfinite(value)) return value;
+      reader.fail(key, "the number must be finite");
+    }
+    if (quantity == Quantity::pure) reader.fail(key, "a number belongs here");
+    reader.fail(key, fmt::format("a {} in quotes with its unit belongs here, for example \"1 {}\"; units: {}",
+                                 name_of(quantity), units_of(quantity).front(), join(units_of(quantity))));
+  }
+};
+
+TomlFile::TomlFile(const std::string& path) : path_(path) {
+  try {
+    document_ = std::make_shared<const toml::table>(toml::parse_file(path));
+  } catch (const toml::parse_error& error) {
+    const auto line = error.source().begin.line;
+    if (line == 0 || !std::filesystem::exists(path))
+      throw InputError(
+          fmt::format("{}: cannot be read as an experiment file: {}; check the path", path, error.description()));
+    throw InputError(fmt::format("{}:{}: not valid TOML: {}", path, line, error.description()));
+  }
+}
+
+TomlFile::~TomlFile() = default;
+
+TableReader TomlFile::root() const {
+  return {document_.get(), path_, ""};
+}
+
+bool TomlFile::has(std::string_view key) const {
+  return static_cast<const toml::table*>(document_.get())->contains(key);
+}
+
+std::string TomlFile::text_at(std::string_view table, std::string_view key) const {
+  return (*static_cast<const toml::table*>(document_.get()))[table][key].value_or(std::string());
+}
+
+std::string TableReader::where(std::string_view key) const {
+  const toml::node* node = key.empty() ? nullptr : Nodes::table(*this).get(key);
+  const auto line = (node != nullptr ? node->source() : Nodes::table(*this).source()).begin.line;
+  std::string text = line > 0 ? fmt::format("{}:{}", file_, line) : file_;
+  if (!name_.empty()) text += fmt::format(": [{}]", name_);
+  if (!key.empty()) text += fmt::format("{} {}", name_.empty() ? ":" : "", key);
+  return text;
+}
+
+void TableReader::fail(std::string_view key, const std::string& what) const {
+  throw InputError(where(key) + ": " + what);
+}
+
+bool TableReader::has(std::string_view key) {
+  return Nodes::find(*this, key) != nullptr;
+}
+
+std::string TableReader::text(std::string_view key) {
+  const auto value = Nodes::get(*this, key).value_exact<std::string>();
+  if (!value) fail(key, "a text in quotes belongs here");
+  if (value->empty()) fail(key, "the text is empty");
+  return *value;
+}
+
+std::string TableReader::text(std::string_view key, std::string fallback) {
+  return has(key) ? text(key) : fallback;
+}
+
+std::string TableReader::choice(std::string_view key, const std::vector<std::string>& allowed) {
+  const std::string value = text(key, allowed.front());
+  if (std::find(allowed.begin(), allowed.end(), value) == allowed.end()) {
+    fail(key, fmt::format("'{}' is not known{}; allowed: {}", value, did_you_mean(value, allowed), join(allowed)));
+  }
+  return value;
+}
+
+double TableReader::number(std::string_view key) {
+  const auto value = Nodes::get(*this, key).value<double>();
+  if (!value || !Nodes::get(*this, key).is_number()) fail(key, "a number belongs here");
+  if (!std::isfinite(*value)) fail(key, "the number must be finite");
+  return *value;
+}
+
+int TableReader::integer(std::string_view key, int fallback, int smallest) {
+  if (!has(key)) return fallback;
+  const auto value = Nodes::get(*this, key).value_exact<int64_t>();
+  if (!value || *value < smallest || *value > 1'000'000'000)
+    fail(key, fmt::format("a whole number of at least {} belongs here", smallest));
+  return static_cast<int>(*value);
+}
+
+bool TableReader::boolean(std::string_view key, bool fallback) {
+  if (!has(key)) return fallback;
+  const auto value = Nodes::get(*this, key).value_exact<bool>();
+  if (!value) fail(key, "true or false belongs here");
+  return *value;
+}
+
+double TableReader::quantity(std::string_view key, Quantity quantity) {
+  return Nodes::quantity(*this, Nodes::get(*this, key), key, quantity);
+}
+
+std::optional<GivenValue> TableReader::optional_given(std::string_view key) {
+  if (!has(key)) return std::nullopt;
+  const toml::node& node = Nodes::get(*this, key);
+  if (const auto value = node.value_exact<std::string>()) return GivenValue{*value, where(key)};
+  if (node.is_number()) return GivenValue{fmt::format("{}", *node.value<double>()), where(key)};
+  fail(key, "a number, or a text in quotes with a unit, belongs here");
+}
+
+std::optional<double> TableReader::optional_quantity(std::string_view key, Quantity wanted) {
+  if (!has(key)) return std::nullopt;
+  return quantity(key, wanted);
+}
+
+std::vector<double> TableReader::quantities(std::string_view key, Quantity quantity, size_t count) {
+  std::vector<double> values;
+  for (const toml::node& node : Nodes::array(*this, key, count))
+    values.push_back(Nodes::quantity(*this, node, key, quantity));
+  return values;
+}
+
+std::vector<double> TableReader::numbers(std::string_view key, size_t count) {
+  return quantities(key, Quantity::pure, count);
+}
+
+std::vector<std::string> TableReader::texts(std::string_view key) {
+  std::vector<std::string> values;
+  for (const toml::node& node : Nodes::array(*this, key, 0)) {
+    const auto value = node.value_exact<std::string>();
+    if (!value) fail(key, "the list must hold texts in quotes");
+    values.push_back(*value);
+  }
+  if (values.empty()) fail(key, "the list is empty");
+  return values;
+}
+
+std::vector<std::string> TableReader::texts_or_none(std::string_view key) {
+  return has(key) ? texts(key) : std::vector<std::string>{};
+}
+
+TableReader TableReader::table(std::string_view key) {
+  const toml::node* node = Nodes::find(*this, key);
+  if (node == nullptr)
+    fail("", fmt::format("the table [{}{}{}] is missing; add it", name_, name_.empty() ? "" : ".", key));
+  if (!node->is_table()) fail(key, fmt::format("a table [{}] belongs here", key));
+  return {node->as_table(), file_, name_.empty() ? std::string(key) : name_ + "." + std::string(key)};
+}
+
+std::optional<TableReader> TableReader::optional_table(std::string_view key) {
+  if (!has(key)) return std::nullopt;
+  return table(key);
+}
+
+std::vector<std::pair<std::string, TableReader>> TableReader::named_tables(std::string_view key) {
+  std::vector<std::pair<std::string, TableReader>> tables;
+  if (!has(key)) return tables;
+  TableReader parent = table(key);
+  for (const auto& [name, node] : Nodes::table(parent))
+    tables.emplace_back(std::string(name.str()), parent.table(name.str()));
+  return tables;
+}
+
+std::vector<TableReader> TableReader::tables(std::string_view key) {
+  std::vector<TableReader> readers;
+  const toml::node* node = Nodes::find(*this, key);
+  if (node == nullptr) return readers;
+  const std::string name = name_.empty() ? std::string(key) : name_ + "." + std::string(key);
+  const toml::array* array = node->as_array();
+  if (array == nullptr || !array->is_array_of_tables())
+    fail(key, fmt::format("this is a list of tables; write [[{}]]", name));
+  for (const toml::node& element : *array) readers.push_back(TableReader(element.as_table(), file_, name));
+  return readers;
+}
+
+void TableReader::finish() {
+  for (const auto& [key, node] : Nodes::table(*this)) {
+    const std::string name(key.str());
+    if (std::find(asked_.begin(), asked_.end(), name) != asked_.end()) continue;
+    const auto line = key.source().begin.line;
+    throw InputError(fmt::format("{}:{}: {}unknown key '{}'{}; allowed: {}", file_, line,
+                                 name_.empty() ? "" : "[" + name_ + "]: ", name, did_you_mean(name, asked_),
+                                 join(asked_)));
+  }
+}
+
+}  // namespace taut

@@ -1,0 +1,80 @@
+#pragma once
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "sim/core/units.hpp"
+
+namespace taut {
+
+class TableReader;
+
+/// A parsed TOML file. Readers of its tables are valid as long as it lives.
+class TomlFile {
+ public:
+  /// Throws InputError naming the path, and the line of what is not TOML.
+  explicit TomlFile(const std::string& path);
+  ~TomlFile();
+  TableReader root() const;
+  bool has(std::string_view key) const;
+  /// The text at `key` of the table called `table`; "" when there is none. For asking what kind of file it is.
+  std::string text_at(std::string_view table, std::string_view key) const;
+
+ private:
+  std::string path_;
+  std::shared_ptr<const void> document_;
+};
+
+/// Reads one table of an experiment file. Every key that is asked for is known; finish() refuses all others with their
+/// line and the nearest known name, so a misspelt key is never silently a default. All functions throw InputError
+/// "file:line: [table] key: what is wrong, what is allowed".
+class TableReader {
+ public:
+  bool has(std::string_view key);
+  std::string text(std::string_view key);  ///< required
+  std::string text(std::string_view key, std::string fallback);
+  /// A text that must be one of `allowed`; the first is the fallback.
+  std::string choice(std::string_view key, const std::vector<std::string>& allowed);
+  double number(std::string_view key);  ///< required
+  int integer(std::string_view key, int fallback, int smallest);
+  bool boolean(std::string_view key, bool fallback);
+  /// "30 mm" as 0.030; a plain number only where the quantity is pure.
+  double quantity(std::string_view key, Quantity quantity);
+  /// A number or a text with a unit, as it stands: for values whose quantity is only known later.
+  std::optional<GivenValue> optional_given(std::string_view key);
+  std::optional<double> optional_quantity(std::string_view key, Quantity quantity);
+  /// ["100 mm", "30 mm"]; `count` entries unless it is 0.
+  std::vector<double> quantities(std::string_view key, Quantity quantity, size_t count);
+  std::vector<double> numbers(std::string_view key, size_t count);  ///< [0, 0, -1]
+  std::vector<std::string> texts(std::string_view key);             ///< required, at least one
+  std::vector<std::string> texts_or_none(std::string_view key);
+  /// A sub-table; required.
+  TableReader table(std::string_view key);
+  /// A sub-table or an empty one.
+  std::optional<TableReader> optional_table(std::string_view key);
+  /// All sub-tables of a table of tables ([materials.foam], [materials.plastic]): name and reader; none when it is not
+  /// there.
+  std::vector<std::pair<std::string, TableReader>> named_tables(std::string_view key);
+  /// An array of tables ([[load]], [[load]]); none when it is not there.
+  std::vector<TableReader> tables(std::string_view key);
+
+  /// Throws for the first key that nobody asked for.
+  void finish();
+  /// An InputError at `key` (or at the table when it is empty), to be thrown by the caller for its own checks.
+  [[noreturn]] void fail(std::string_view key, const std::string& what) const;
+  std::string where(std::string_view key) const;
+
+ private:
+  friend class TomlFile;
+  struct Nodes;  ///< what needs the TOML library, in the source file
+  TableReader(const void* table, std::string file, std::string name)
+      : table_(table), file_(std::move(file)), name_(std::move(name)) {}
+
+  const void* table_;  ///< a toml::table
+  std::string file_, name_;
+  std::vector<std::string> asked_;
+};
+
+}  // namespace taut

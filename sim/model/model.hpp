@@ -1,0 +1,95 @@
+#pragma once
+#include <memory>
+#include <vector>
+
+#include "sim/core/parameters.hpp"
+#include "sim/mesh/mesh.hpp"
+#include "sim/model/term.hpp"
+
+namespace taut {
+
+/// A prescribed displacement component: u[dof] = coefficient * p[parameter], or 0 when there is no parameter.
+struct Support {
+  int dof = 0;         ///< node * dimension + component
+  int parameter = -1;  ///< index into the table, -1 for a clamp
+  double coefficient = 0;
+};
+
+/// A connected piece of one material, and the table index of its Young's modulus.
+struct Body {
+  std::vector<int> nodes;
+  int modulus = -1;        ///< -1: rigid, see SceneBuilder::add_rigid
+  bool supported = false;  ///< a support prescribes some of its displacements
+  bool rigid() const { return modulus < 0; }
+};
+
+/// Sparsity pattern of the Hessian on the free unknowns: lower triangle, compressed columns, rows ascending.
+struct SparsePattern {
+  int size = 0;
+  std::vector<int> columns;  ///< size + 1 offsets
+  std::vector<int> rows;
+  int entries() const { return columns.empty() ? 0 : columns.back(); }
+};
+
+/// Pi(u; p) = sum of terms, on a mesh, with supports. Complete and immutable from its construction on, so any number of
+/// threads may evaluate it at once.
+class Model {
+ public:
+  Model(Mesh mesh, ParameterTable parameters, std::vector<std::unique_ptr<Term>> terms, std::vector<Support> supports,
+        std::vector<Body> bodies = {});
+
+  const Mesh& mesh() const { return mesh_; }
+  const ParameterTable& parameters() const { return parameters_; }
+  int unknowns() const { return static_cast<int>(mesh_.X.size()); }  ///< all displacement components
+  int free_unknowns() const { return pattern_.size; }
+  const SparsePattern& pattern() const { return pattern_; }
+  double length_scale() const { return length_scale_; }  ///< diagonal of the bounding box [m]
+  const std::vector<Body>& bodies() const { return bodies_; }
+  /// Index of an unknown among the free ones, -1 when it is supported.
+  int free_index(int unknown) const { return free_index_[static_cast<size_t>(unknown)]; }
+
+  /// Energy, and the derivatives that `out` asks for (cleared first).
+  void evaluate(const Point& at, Assembly& out) const { evaluate(at, out, false); }
+  /// Largest fraction in [0, 1] of the straight way from at.u to at.u + step on which nothing passes through anything.
+  double step_limit(const Point& at, const Eigen::VectorXd& step) const;
+  /// d2Pi/du dp_index on all unknowns [N per unit].
+  Eigen::VectorXd parameter_gradient(const Point& at, int index) const;
+  /// Mixed derivative of the gradient with respect to a state of the past times x, or its transpose times x.
+  Eigen::VectorXd history_product(const Point& at, History q, const Eigen::VectorXd& x, bool transposed) const;
+  /// Inertia alone: evaluate() over the terms that say so. With step->inertia = 1, damping zero and step->reference =
+  /// u - v its energy is the kinetic energy of v and its Hessian the mass matrix [kg].
+  void evaluate_inertia(const Point& at, Assembly& out) const { evaluate(at, out, true); }
+  /// Hessian at `at` times `direction`, all unknowns, exact curvature.
+  Eigen::VectorXd hessian_times(const Point& at, const Eigen::VectorXd& direction) const;
+
+  /// Sets the supported components of u to what p prescribes.
+  void impose_supports(const Params& p, Eigen::VectorXd& u) const;
+  /// Whether a support stands elsewhere at `b` than at `a`.
+  bool support_moves(const Params& a, const Params& b) const;
+  /// Derivative of the supported components with respect to p[index], zero elsewhere; all unknowns.
+  Eigen::VectorXd support_derivative(int index) const;
+  Eigen::VectorXd restrict_to_free(const Eigen::VectorXd& all) const;
+  /// Free entries into a vector of all unknowns, zero at the supports.
+  Eigen::VectorXd extend_from_free(const Eigen::VectorXd& free) const;
+
+ private:
+  struct Slots {
+    std::vector<int> slots;
+    std::vector<size_t> offsets;
+  };
+  void build_pattern();
+  void evaluate(const Point& at, Assembly& out, bool inertia_only) const;
+
+  Mesh mesh_;
+  ParameterTable parameters_;
+  std::vector<std::unique_ptr<Term>> terms_;
+  std::vector<Support> supports_;
+  std::vector<Body> bodies_;
+  std::vector<int> free_index_;  ///< per unknown: index among the free ones or -1
+  std::vector<int> free_;        ///< unknown of each free index
+  std::vector<Slots> slots_;     ///< per term
+  SparsePattern pattern_;
+  double length_scale_ = 0;
+};
+
+}  // namespace taut

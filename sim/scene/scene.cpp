@@ -1,0 +1,517 @@
+#include "sim/scene/scene.hpp"
+
+#include <fmt/format.h>
+
+#include <Eigen/QR>
+#include <algorithm>
+#include <functional>
+
+#include "sim/core/error.hpp"
+#include "sim/mesh/weights.hpp"
+#include "sim/terms/elastic_base.hpp"
+#include "sim/terms/load.hpp"
+
+namespace taut {
+namespace {
+
+/// Per node, a node that stands for the connected part of the chosen elements to which it belongs; -1 in none.
+std::vector<int> parts_of(const Mesh& mesh, const std::function<bool(int)>& chosen) {
+  std::vector<int> part(static_cast<size_t>(mesh.node_count()), -1);
+  auto root = [&](int i) {
+    while (part[static_cast<size_t>(i)] != i)
+      i = part[static_cast<size_t>(i)] = part[static_cast<size_t>(part[static_cast<size_t>(i)])];
+    return i;
+  };
+  for (int e = 0; e < mesh.element_count(); ++e) {
+    if (!chosen(e)) continue;
+    for (int a = 0; a < mesh.nodes_per_element(); ++a) {
+      const int node = mesh.element(e)[a];
+      if (part[static_cast<size_t>(node)] < 0) part[static_cast<size_t>(node)] = node;
+      part[static_cast<size_t>(root(node))] = root(mesh.element(e)[0]);
+    }
+  }
+  for (int node = 0; node < mesh.node_count(); ++node) {
+    if (part[static_cast<size_t>(node)] >= 0) part[static_cast<size_t>(node)] = root(node);
+  }
+  return part;
+}
+
+/// Contact that would push before anything moves is refused.
+template <class AnyContact>
+void check_rest(const AnyContact& contact, Eigen::Index unknowns, double gap) {
+  const Eigen::VectorXd rest = Eigen::VectorXd::Zero(unknowns);
+  if (contact.intersects(rest))
+    throw InputError("bodies, obstacles or grounds cross each other at rest; move the obstacle or the ground away");
+  const double smallest = contact.smallest_distance(rest, 2 * gap);
+  if (!(smallest > gap)) {
+    throw InputError(fmt::format(
+        "the contact gap of {:.4g} mm is larger than the smallest distance at rest, {:.4g} mm: bodies would push each "
+        "other before anything moves; choose a gap below half that distance",
+        gap * 1e3, smallest * 1e3));
+  }
+}
+
+}  // namespace
+
+SceneBuilder::SceneBuilder(Mesh mesh, Plane plane, double thickness)
+    : mesh_(std::move(mesh)),
+      plane_(plane),
+      has_material_(mesh_.region_names.size()),
+      modulus_(mesh_.region_names.size(), -1),
+      rigid_(mesh_.region_names.size(), false) {
+  if (mesh_.dimension() == 2) {
+    thickness_ = declare({"thickness", "t", "m", 1e-9, 1e3, "thickness out of the plane"}, thickness);
+  }
+}
+
+int SceneBuilder::declare(ParameterSpec spec, double value) {
+  if (parameters_.contains(spec.id))
+    throw InputError(fmt::format("'{}' is a parameter of the model already; choose another id", spec.id));
+  const int index = parameters_.declare(std::move(spec));
+  parameters_.check(index, value);
+  values_.push_back(value);
+  return index;
+}
+
+void SceneBuilder::add_solid(const std::string& region, const std::string& law,
+                             const std::map<std::string, double>& constants, Formulation formulation) {
+  SolidDefinition definition;
+  definition.region = mesh_.region_index(region);
+  const size_t index = static_cast<size_t>(definition.region);
+  if (has_material_[index]) throw InputError(fmt::format("region '{}' has two materials; give it one", region));
+  definition.law = law;
+  definition.plane = plane_;
+  definition.formulation = formulation;
+  definition.thickness = thickness_;
+  std::vector<std::string> known;
+  for (const ParameterSpec& spec : material_parameters(law)) known.push_back(spec.id);
+  for (const auto& [id, value] : constants) {
+    if (std::find(known.begin(), known.end(), id) == known.end()) {
+      throw InputError(fmt::format("material of region '{}': '{}' has no constant '{}'{}; it has: {}", region, law, id,
+                                   did_you_mean(id, known), join(known)));
+    }
+  }
+  for (ParameterSpec spec : material_parameters(law)) {
+    const auto found = constants.find(spec.id);
+    if (found == constants.end()) {
+      throw InputError(fmt::format("material of region '{}': {} ({}) is missing; law '{}' needs {}", region, spec.id,
+                                   spec.meaning, law, join(known)));
+    }
+    spec.id += "_" + region;
+    spec.meaning += " of " + region;
+    const bool modulus = spec.id == "E_" + region;
+    definition.parameters.push_back(declare(std::move(spec), found->second));
+    if (modulus) modulus_[index] = definition.parameters.back();
+  }
+  has_material_[index] = true;
+  terms_.push_back(make_solid(mesh_, definition));
+}
+
+void SceneBuilder::add_rigid(const std::string& region) {
+  const size_t index = static_cast<size_t>(mesh_.region_index(region));
+  if (has_material_[index]) throw InputError(fmt::format("region '{}' has two materials; give it one", region));
+  has_material_[index] = rigid_[index] = true;
+}
+
+void SceneBuilder::support(const std::string& tag, int component, int control) {
+  const int d = mesh_.dimension();
+  if (component >= d)
+    throw InputError(fmt::format("support on '{}': a {}D model has no component {}; use {}", tag, d, "xyz"[component],
+                                 d == 2 ? "x, y" : "x, y, z"));
+  for (int node : mesh_.select(tag).nodes()) {
+    const Support wanted{node * d + component, control, control < 0 ? 0.0 : 1.0};
+    const auto [position, inserted] = supports_.try_emplace(wanted.dof, wanted);
+    if (!inserted && position->second.parameter != control) {
+      throw InputError(
+          fmt::format("support on '{}': component {} of a node is already prescribed by another support; let the "
+                      "supports not overlap",
+                      tag, "xyz"[component]));
+    }
+  }
+}
+
+void SceneBuilder::fix(const std::string& tag, const std::vector<int>& components) {
+  for (int component : components) support(tag, component, -1);
+}
+
+void SceneBuilder::add_elastic_clamp(const std::string& tag, double rotation_stiffness) {
+  if (mesh_.dimension() != 2) throw InputError("an elastic clamp is for 2D models; fix the face in 3D");
+  if (!clamped_.empty())
+    throw InputError("there is an elastic clamp already; one support may have a rotation_stiffness");
+  const Tag face = mesh_.select(tag);
+  double stiffest = 0;
+  for (int index : modulus_) stiffest = std::max(stiffest, index < 0 ? 0.0 : values_[static_cast<size_t>(index)]);
+  const int rotation =
+      declare({"k_base", "c", "Nm/rad", 1e-9, 1e12, "rotation stiffness of the clamp", true}, rotation_stiffness);
+  // A hundred times what the material resists: the face's mean then moves less than the material beside it is strained.
+  terms_.push_back(make_elastic_base(mesh_, face, rotation, 100 * stiffest * values_[static_cast<size_t>(thickness_)]));
+  const std::vector<int> nodes = face.nodes();
+  clamped_.insert(clamped_.end(), nodes.begin(), nodes.end());
+}
+
+void SceneBuilder::prescribe(const std::string& tag, int component, int control) {
+  support(tag, component, control);
+}
+
+void SceneBuilder::check_direction(const Eigen::VectorXd& direction) const {
+  if (direction.size() != mesh_.dimension() || !(direction.norm() > 0) || !direction.allFinite()) {
+    throw InputError(
+        fmt::format("a direction in a {0}D model needs {0} finite numbers that are not all zero", mesh_.dimension()));
+  }
+}
+
+void SceneBuilder::add_force(const std::string& tag, const Eigen::VectorXd& direction, int control, int gravity) {
+  check_direction(direction);
+  std::vector<int> factors{control};
+  if (gravity >= 0) factors.push_back(gravity);
+  terms_.push_back(make_load(mean_weights(mesh_, mesh_.select(tag), direction), factors));
+}
+
+void SceneBuilder::add_point_force(const Eigen::VectorXd& point, const Eigen::VectorXd& direction, int control,
+                                   int gravity) {
+  check_direction(direction);
+  std::vector<int> factors{control};
+  if (gravity >= 0) factors.push_back(gravity);
+  terms_.push_back(make_load(point_weights(mesh_, locate(mesh_, point), direction), factors));
+}
+
+void SceneBuilder::add_traction(const std::string& tag, const Eigen::VectorXd& direction, int control) {
+  check_direction(direction);
+  const Tag facets = mesh_.select(tag);
+  if (facets.dimension != mesh_.dimension() - 1)
+    throw InputError(
+        fmt::format("a traction acts on {}, and '{}' is not one", mesh_.dimension() == 3 ? "a face" : "an edge", tag));
+  std::vector<int> factors{control};
+  if (thickness_ >= 0) factors.push_back(thickness_);
+  terms_.push_back(make_load(mean_weights(mesh_, facets, direction) * measure_of(mesh_, facets), factors));
+}
+
+void SceneBuilder::add_line_load(const std::string& tag, const Eigen::VectorXd& direction, int control) {
+  check_direction(direction);
+  const Tag line = mesh_.select(tag);
+  if (line.dimension != mesh_.dimension() - 2)
+    throw InputError(fmt::format(
+        "a line load acts on {}, and '{}' is not one",
+        mesh_.dimension() == 3 ? "an edge, such as \"xmax & zmax\"" : "a point, such as \"xmax & ymax\"", tag));
+  std::vector<int> factors{control};
+  if (thickness_ >= 0) factors.push_back(thickness_);  // in 2D the line runs through the thickness
+  terms_.push_back(
+      make_load(mean_weights(mesh_, line, direction) * (thickness_ >= 0 ? 1.0 : measure_of(mesh_, line)), factors));
+}
+
+void SceneBuilder::add_weight(const std::string& region, double density, const Eigen::VectorXd& direction,
+                              int gravity) {
+  check_direction(direction);
+  std::vector<int> factors{density_of(region, density), gravity};
+  if (thickness_ >= 0) factors.push_back(thickness_);
+  terms_.push_back(make_load(body_weights(mesh_, mesh_.region_index(region), direction), factors));
+}
+
+int SceneBuilder::density_of(const std::string& region, double density) {
+  const std::string id = "density_" + region;
+  if (!parameters_.contains(id)) return declare({id, "rho", "kg/m3", 1e-3, 1e5, "density of " + region}, density);
+  const int index = parameters_.index(id);
+  if (values_[static_cast<size_t>(index)] != density)
+    throw InputError(fmt::format("region '{}' has two densities, {:.6g} and {:.6g} kg/m3; give it one", region,
+                                 values_[static_cast<size_t>(index)], density));
+  return index;
+}
+
+void SceneBuilder::add_inertia(const std::string& region, double density, MassForm form, int mass_damping) {
+  terms_.push_back(
+      make_inertia(mesh_, {mesh_.region_index(region), density_of(region, density), thickness_, mass_damping, form}));
+}
+
+void SceneBuilder::add_viscosity(const std::string& region, int stiffness_damping) {
+  if (!parameters_.contains("E_" + region) || !parameters_.contains("nu_" + region))
+    throw InputError(fmt::format("viscosity of region '{}' needs its material's E and nu; give it a material", region));
+  ViscosityDefinition definition;
+  definition.region = mesh_.region_index(region);
+  definition.youngs_modulus = parameters_.index("E_" + region);
+  definition.poisson_ratio = parameters_.index("nu_" + region);
+  definition.damping = stiffness_damping;
+  definition.thickness = thickness_;
+  definition.plane_stress = mesh_.dimension() == 2 && plane_ == Plane::stress;
+  terms_.push_back(make_viscosity(mesh_, definition));
+}
+
+void SceneBuilder::add_point_mass(const std::string& tag, int mass) {
+  terms_.push_back(make_point_mass(mesh_, mesh_.select(tag), mass));
+}
+
+void SceneBuilder::add_cable(const Cable& cable) {
+  terms_.push_back(make_cable(mesh_, cable));
+}
+
+Joint SceneBuilder::add_joint(const JointSettings& settings) {
+  const std::string where = fmt::format("joint '{}'", settings.name);
+  const auto part_called = [&](const std::string& name) {
+    return name.empty() && mesh_.parts.empty() ? Part{"", 0, mesh_.node_count(), 0, mesh_.element_count()}
+                                               : mesh_.part(name);
+  };
+  double stiffest = 0;
+  const auto attach = [&](const std::string& name, const Eigen::VectorXd& point) {
+    if (point.size() == 0) return Attachment();
+    if (name == "world") return world_attachment(point);
+    try {
+      const Part part = part_called(name);
+      for (int e = part.first_element; e < part.first_element + part.element_count; ++e) {
+        const int index = modulus_[static_cast<size_t>(mesh_.region[static_cast<size_t>(e)])];
+        if (index >= 0) stiffest = std::max(stiffest, values_[static_cast<size_t>(index)]);
+      }
+      return make_attachment(mesh_, part, point, settings.radius);
+    } catch (const InputError& error) {
+      throw InputError(fmt::format("{}: {}", where, error.what()));
+    }
+  };
+  if (mesh_.dimension() == 3 && settings.axis_end.size() != 3)
+    throw InputError(fmt::format("{} has no axis; give it a second point of the axis", where));
+  Joint joint;
+  joint.name = settings.name;
+  joint.pivot_a = attach(settings.part_a, settings.pivot);
+  joint.pivot_b = attach(settings.part_b, settings.pivot);
+  joint.axis_a = attach(settings.part_a, settings.axis_end);
+  joint.axis_b = attach(settings.part_b, settings.axis_end);
+  joint.motor_a = attach(settings.part_a, settings.motor);
+  joint.motor_b = attach(settings.part_b, settings.motor);
+  double stiffness = settings.stiffness;
+  if (stiffness == 0) {
+    if (stiffest == 0)
+      throw InputError(
+          fmt::format("{} takes its stiffness from its bodies, and they have no modulus; add their "
+                      "materials first or give it a stiffness",
+                      where));
+    stiffness =
+        10 * stiffest *
+        (thickness_ >= 0 ? values_[static_cast<size_t>(thickness_)] : (settings.axis_end - settings.pivot).norm());
+  }
+  joint.pin_stiffness = joint.motor_stiffness = declare(
+      {"k_" + settings.name, "k", "N/m", 1e-9, 1e15, "spring stiffness of joint " + settings.name, true}, stiffness);
+  if (settings.motor.size() > 0) {
+    joint.angle = settings.angle >= 0
+                      ? settings.angle
+                      : declare({settings.name, "theta", "rad", -1e4, 1e4, "angle of joint " + settings.name}, 0.0);
+  }
+  terms_.push_back(make_joint(mesh_, joint));
+  joints_.push_back(joint);
+  if (settings.part_a != "world" && !mesh_.parts.empty()) {
+    const auto place = [&](const std::string& name) {
+      return static_cast<int>(&mesh_.part(name) - mesh_.parts.data());
+    };
+    joined_.push_back({place(settings.part_a), place(settings.part_b)});
+  }
+  return joint;
+}
+
+/// Per node the part it is of, by its place in the mesh's list.
+std::vector<int> SceneBuilder::part_of_nodes() const {
+  std::vector<int> part(static_cast<size_t>(mesh_.node_count()), 0);
+  for (size_t k = 0; k < mesh_.parts.size(); ++k)
+    std::fill_n(part.begin() + mesh_.parts[k].first_node, mesh_.parts[k].node_count, static_cast<int>(k));
+  return part;
+}
+
+const Contact& SceneBuilder::add_contact(double gap, const std::map<std::string, double>& pressures,
+                                         const std::vector<std::vector<Eigen::Vector2d>>& obstacles,
+                                         const std::vector<GroundLine>& grounds, ContactForm form) {
+  if (mesh_.dimension() != 2) throw InputError("contact with lines is for 2D models; use the one of 3D models");
+  check_materials();
+  ContactSettings settings;
+  settings.form = form;
+  settings.obstacles = obstacles;
+  settings.grounds = grounds;
+  settings.thickness = thickness_;
+  settings.part = part_of_nodes();
+  settings.apart = joined_;
+  settings.gap = declare({"contact_gap", "dhat", "m", 1e-9, 1, "distance at which the contact barrier sets in"}, gap);
+  std::vector<int> stiffness;
+  for (const std::string& region : mesh_.region_names) {
+    stiffness.push_back(declare({"contact_pressure_" + region, "kappa",
+                                 form == ContactForm::pair_sum || form == ContactForm::pair_sum_dedup ? "N/m" : "Pa",
+                                 1e-9, 1e15, "barrier stiffness of " + region, true},
+                                pressures.at(region)));
+  }
+  std::map<std::array<int, 2>, int> region_of;  // of an edge, by its nodes in either order
+  for (int e = 0; e < mesh_.element_count(); ++e) {
+    for (int a = 0; a < mesh_.nodes_per_element(); ++a) {
+      for (int b = 0; b < mesh_.nodes_per_element(); ++b)
+        region_of[{mesh_.element(e)[a], mesh_.element(e)[b]}] = mesh_.region[static_cast<size_t>(e)];
+    }
+  }
+  settings.edges = contact_edges(mesh_);
+  for (const std::array<int, 2>& edge : settings.edges)
+    settings.stiffness.push_back(stiffness[static_cast<size_t>(region_of.at(edge))]);
+  auto contact = std::make_unique<Contact>(mesh_, settings);
+  check_rest(*contact, mesh_.X.size(), gap);
+  const Contact& added = *contact;
+  terms_.push_back(std::move(contact));
+  return added;
+}
+
+const Contact3d& SceneBuilder::add_contact_3d(double gap, const std::map<std::string, double>& pressures,
+                                              const std::vector<GroundPlane>& grounds) {
+  if (mesh_.dimension() != 3) throw InputError("contact with planes is for 3D models; use the one of 2D models");
+  check_materials();
+  Contact3dSettings settings;
+  settings.grounds = grounds;
+  settings.part = part_of_nodes();
+  settings.apart = joined_;
+  settings.gap = declare({"contact_gap", "dhat", "m", 1e-9, 1, "distance at which the contact barrier sets in"}, gap);
+  std::vector<int> stiffness;
+  for (const std::string& region : mesh_.region_names) {
+    stiffness.push_back(
+        declare({"contact_pressure_" + region, "kappa", "Pa", 1e-9, 1e15, "barrier stiffness of " + region, true},
+                pressures.at(region)));
+  }
+  std::vector<std::vector<int>> elements_at(static_cast<size_t>(mesh_.node_count()));
+  for (int e = 0; e < mesh_.element_count(); ++e) {
+    for (int a = 0; a < mesh_.nodes_per_element(); ++a)
+      elements_at[static_cast<size_t>(mesh_.element(e)[a])].push_back(e);
+  }
+  settings.triangles = contact_triangles(mesh_);
+  for (const std::array<int, 3>& triangle : settings.triangles) {
+    // The three nodes of a boundary triangle are together in one element only.
+    for (int e : elements_at[static_cast<size_t>(triangle[0])]) {
+      const int *first = mesh_.element(e), *last = first + mesh_.nodes_per_element();
+      if (std::find(first, last, triangle[1]) == last || std::find(first, last, triangle[2]) == last) continue;
+      settings.stiffness.push_back(stiffness[static_cast<size_t>(mesh_.region[static_cast<size_t>(e)])]);
+      break;
+    }
+  }
+  auto contact = std::make_unique<Contact3d>(mesh_, settings);
+  check_rest(*contact, mesh_.X.size(), gap);
+  const Contact3d& added = *contact;
+  terms_.push_back(std::move(contact));
+  return added;
+}
+
+/// The supports must fix all translations and rotations of every connected part, or the Hessian at rest is singular.
+/// What joints connect is one part here, and a point that a joint pins to the world, or turns by its motor, is held.
+void SceneBuilder::check_rigid_motions() const {
+  const int d = mesh_.dimension(), motions = d == 2 ? 3 : 6;
+  std::vector<int> part = parts_of(mesh_, [](int) { return true; });
+  auto root = [&](int i) { return part[static_cast<size_t>(i)]; };
+  for (const Joint& joint : joints_) {
+    if (joint.pivot_a.nodes.empty() || joint.pivot_b.nodes.empty()) continue;
+    const int one = root(joint.pivot_a.nodes.front()), two = root(joint.pivot_b.nodes.front());
+    std::replace(part.begin(), part.end(), two, one);
+  }
+  struct Held {
+    Eigen::VectorXd point;
+    int component;
+  };
+  std::map<int, std::vector<Held>> supported;  // part to its supported components
+  for (int e = 0; e < mesh_.element_count(); ++e) supported[root(mesh_.element(e)[0])];
+  const auto hold = [&](int node, const Eigen::VectorXd& point) {
+    for (int i = 0; i < d; ++i) supported[root(node)].push_back({point, i});
+  };
+  for (const auto& [dof, s] : supports_) supported[root(dof / d)].push_back({mesh_.node(dof / d), dof % d});
+  for (int node : clamped_) hold(node, mesh_.node(node));
+  for (const Joint& joint : joints_) {
+    if (!joint.pivot_a.nodes.empty() && !joint.pivot_b.nodes.empty()) continue;
+    const int node = (joint.pivot_a.nodes.empty() ? joint.pivot_b : joint.pivot_a).nodes.front();
+    hold(node, joint.pivot_a.point);
+    if (d == 3) hold(node, joint.axis_a.point);
+    if (joint.angle >= 0) hold(node, joint.motor_a.point);
+  }
+  for (const auto& [representative, held] : supported) {
+    Eigen::MatrixXd rows = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(held.size()), motions);
+    for (size_t k = 0; k < held.size(); ++k) {
+      const int component = held[k].component;
+      const Eigen::VectorXd x = (held[k].point - mesh_.node(representative)) / mesh_.diagonal();
+      auto row = rows.row(static_cast<Eigen::Index>(k));
+      row[component] = 1;
+      for (int axis = 0; axis < motions - d; ++axis) {  // rotations: about z in 2D, about x, y, z in 3D
+        const int about = d == 2 ? 2 : axis, first = (about + 1) % 3, second = (about + 2) % 3;
+        if (component == first) row[d + axis] = -x[second];
+        if (component == second) row[d + axis] = x[first];
+      }
+    }
+    Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(rows);
+    qr.setThreshold(1e-9);
+    if (held.empty() || qr.rank() < motions) {
+      const Eigen::VectorXd at = mesh_.node(representative) * 1e3;
+      throw InputError(
+          fmt::format("the supports leave {} of {} rigid motions free (the part with the node at ({:.4g}, {:.4g}{}) "
+                      "mm): fix more components",
+                      motions - (held.empty() ? 0 : qr.rank()), motions, at[0], at[1],
+                      d == 3 ? fmt::format(", {:.4g}", at[2]) : ""));
+    }
+  }
+}
+
+/// Connected pieces of each region, and of all rigid ones together: what touches moves as one. Rigid pieces that are
+/// clamped get supports on all their nodes.
+std::vector<Body> SceneBuilder::bodies() {
+  const int d = mesh_.dimension();
+  std::vector<Body> bodies;
+  const auto add_pieces = [&](int modulus, auto&& belongs) {
+    const std::vector<int> part = parts_of(mesh_, belongs);
+    std::map<int, Body> pieces;
+    for (int node = 0; node < mesh_.node_count(); ++node) {
+      if (part[static_cast<size_t>(node)] >= 0) pieces[part[static_cast<size_t>(node)]].nodes.push_back(node);
+    }
+    for (const auto& [dof, s] : supports_) {
+      const int piece = part[static_cast<size_t>(dof / d)];
+      if (piece >= 0) pieces[piece].supported = true;
+    }
+    for (auto& [representative, body] : pieces) {
+      body.modulus = modulus;
+      bodies.push_back(std::move(body));
+    }
+  };
+  for (int region = 0; region < static_cast<int>(mesh_.region_names.size()); ++region) {
+    const int modulus = modulus_[static_cast<size_t>(region)];
+    if (modulus >= 0) add_pieces(modulus, [&](int e) { return mesh_.region[static_cast<size_t>(e)] == region; });
+  }
+  if (std::find(rigid_.begin(), rigid_.end(), true) == rigid_.end()) return bodies;
+  add_pieces(-1, [&](int e) { return rigid_[static_cast<size_t>(mesh_.region[static_cast<size_t>(e)])]; });
+  for (const Body& body : bodies) {
+    if (!body.rigid() || !body.supported) continue;
+    const auto clamped = [&](int dof) {
+      const auto support = supports_.find(dof);
+      return support != supports_.end() && support->second.parameter < 0;
+    };
+    const auto held = std::count_if(body.nodes.begin(), body.nodes.end(), [&](int node) {
+      return clamped(node * d) && clamped(node * d + 1) && (d == 2 || clamped(node * d + 2));
+    });
+    const bool moved = std::any_of(body.nodes.begin(), body.nodes.end(), [&](int node) {
+      const auto support = supports_.lower_bound(node * d);
+      return support != supports_.end() && support->first < (node + 1) * d && !clamped(support->first);
+    });
+    if (held < d || moved) {
+      const Eigen::VectorXd at = 1e3 * mesh_.node(body.nodes.front());
+      throw InputError(
+          fmt::format("a rigid body (with the node at {:.4g}, {:.4g} mm) has supports that do not clamp it; fix all "
+                      "components on one of its faces, or none",
+                      at[0], at[1]));
+    }
+    for (int node : body.nodes) {
+      for (int i = 0; i < d; ++i) supports_.insert_or_assign(node * d + i, Support{node * d + i, -1, 0.0});
+    }
+  }
+  return bodies;
+}
+
+void SceneBuilder::check_materials() const {
+  for (size_t r = 0; r < has_material_.size(); ++r) {
+    if (!has_material_[r])
+      throw InputError(
+          fmt::format("region '{}' has no material; add [materials.{}]", mesh_.region_names[r], mesh_.region_names[r]));
+  }
+}
+
+Scene SceneBuilder::build(bool free_bodies) {
+  check_materials();
+  if (!free_bodies) check_rigid_motions();
+  std::vector<Body> pieces = bodies();
+  std::vector<Support> supports;
+  for (const auto& [dof, s] : supports_) supports.push_back(s);
+  Scene scene;
+  scene.values = Eigen::Map<const Eigen::VectorXd>(values_.data(), static_cast<Eigen::Index>(values_.size()));
+  scene.model = std::make_unique<Model>(std::move(mesh_), std::move(parameters_), std::move(terms_),
+                                        std::move(supports), std::move(pieces));
+  return scene;
+}
+
+}  // namespace taut

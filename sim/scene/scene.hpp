@@ -1,0 +1,141 @@
+#pragma once
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "sim/contact/contact.hpp"
+#include "sim/contact/contact_3d.hpp"
+#include "sim/mesh/mesh.hpp"
+#include "sim/model/model.hpp"
+#include "sim/terms/cable.hpp"
+#include "sim/terms/inertia.hpp"
+#include "sim/terms/joint.hpp"
+#include "sim/terms/solid.hpp"
+
+namespace taut {
+
+/// A model with a value for each of its parameters: what a forward solve needs.
+struct Scene {
+  std::unique_ptr<Model> model;
+  Params values;
+};
+
+/// A revolute joint by name, for SceneBuilder::add_joint(). Points are in the rest configuration [m] and on both
+/// bodies.
+struct JointSettings {
+  std::string name;          ///< of the angle and, as "k_<name>", of the stiffness in the parameter table
+  std::string part_a;        ///< "world": fixed in space
+  std::string part_b;        ///< "" in a mesh that is one piece
+  Eigen::VectorXd pivot;     ///< [m]
+  Eigen::VectorXd axis_end;  ///< 3D: a second point of the axis [m]
+  Eigen::VectorXd motor;     ///< a point that turns with the motor [m]; empty: a free pin
+  double radius = 0;         ///< of the patches by which the bodies are held [m], see make_attachment()
+  int angle = -1;            ///< table index of the angle; -1: declared as "<name>" [rad], zero
+  double stiffness = 0;      ///< of each spring [N/m]; 0: from the bodies
+};
+
+/// Puts a model together by name: regions to materials, tags to supports and loads. Every number becomes a declared
+/// parameter: material constants as "<constant>_<region>" (E_foam, nu_foam, density_foam), "thickness" in 2D, and what
+/// the caller declares. Everything that does not fit the mesh throws InputError.
+class SceneBuilder {
+ public:
+  /// `thickness` [m] counts in 2D only.
+  SceneBuilder(Mesh mesh, Plane plane = Plane::strain, double thickness = 1.0);
+
+  const Mesh& mesh() const { return mesh_; }
+  const ParameterTable& parameters() const { return parameters_; }
+
+  /// Declares a parameter or a control (a load, a prescribed displacement) and returns its index.
+  int declare(ParameterSpec spec, double value);
+
+  /// Material of a region; `constants` by the law's ids, checked against their bounds.
+  void add_solid(const std::string& region, const std::string& law, const std::map<std::string, double>& constants,
+                 Formulation formulation = Formulation::standard);
+
+  /// A region without strain: each connected piece of it moves as one, by three unknowns in 2D and six in 3D. Statics
+  /// only. A piece that is supported at all has to be clamped: build() throws InputError otherwise.
+  void add_rigid(const std::string& region);
+
+  /// Clamps components (0 = x, ...) of all nodes of a tag.
+  void fix(const std::string& tag, const std::vector<int>& components);
+  /// Holds the mean displacement of a face at zero, and its rotation by a spring (2D). Declares "k_base" [Nm/rad].
+  void add_elastic_clamp(const std::string& tag, double rotation_stiffness);
+  /// u[component] = p[control] on all nodes of a tag.
+  void prescribe(const std::string& tag, int component, int control);
+
+  /// Dead force of p[control] newtons in all, spread evenly over a tag; with `gravity` >= 0 the control is a mass [kg]
+  /// and the force p[control] * p[gravity].
+  void add_force(const std::string& tag, const Eigen::VectorXd& direction, int control, int gravity = -1);
+  /// The same at one material point.
+  void add_point_force(const Eigen::VectorXd& point, const Eigen::VectorXd& direction, int control, int gravity = -1);
+  /// Dead traction of p[control] pascals of rest area on a facet tag.
+  void add_traction(const std::string& tag, const Eigen::VectorXd& direction, int control);
+  /// Dead line load of p[control] newtons per metre along a tag of segments (an edge "a & b" of a 3D body; in 2D, of a
+  /// point).
+  void add_line_load(const std::string& tag, const Eigen::VectorXd& direction, int control);
+  /// Self-weight of a region: density [kg/m^3] and the index of the acceleration [m/s^2].
+  void add_weight(const std::string& region, double density, const Eigen::VectorXd& direction, int gravity);
+
+  /// Inertia of a region. Its density is declared as "density_<region>" by whichever of this and add_weight() comes
+  /// first and has to be the same in both. `mass_damping` is the table index of alpha [1/s], -1: none.
+  void add_inertia(const std::string& region, double density, MassForm form = MassForm::consistent,
+                   int mass_damping = -1);
+  /// Viscosity of a region in proportion to its stiffness at rest; `stiffness_damping` is the table index of beta [s].
+  /// Throws InputError when the region's material has no E and nu yet.
+  void add_viscosity(const std::string& region, int stiffness_damping);
+  /// Inertia of a mass p[mass] [kg] that moves with the mean of a tag.
+  void add_point_mass(const std::string& tag, int mass);
+
+  /// An energy of the caller's own.
+  void add_term(std::unique_ptr<Term> term) { terms_.push_back(std::move(term)); }
+  /// A cable by the table indices in it.
+  void add_cable(const Cable& cable);
+  /// A joint between two parts, or of one with the world, after their materials. Declares "k_<name>" [N/m] and, with a
+  /// motor and without an index for it, the angle. The stiffness that is taken from the bodies is ten times the larger
+  /// modulus times the thickness (3D: the length of the axis): a load that strains a tenth of a body's section by 1e-1
+  /// opens a gap of 1e-3 of the section. Throws InputError, naming the joint, for points that are not on both bodies.
+  Joint add_joint(const JointSettings& settings);
+  /// Contact of the whole boundary with itself, and with obstacles and grounds (2D): the barrier sets in at `gap` [m]
+  /// and is as stiff as `pressures` say, region by region: the pressure [Pa] at which two faces rest half a gap apart,
+  /// and the smaller one of two different sides. Declares "contact_gap" and "contact_pressure_<region>". Throws
+  /// InputError when something is closer than the gap at rest already. Parts that a joint connects (added before) do
+  /// not see each other. The term lives as long as the builder and its scene.
+  const Contact& add_contact(double gap, const std::map<std::string, double>& pressures,
+                             const std::vector<std::vector<Eigen::Vector2d>>& obstacles = {},
+                             const std::vector<GroundLine>& grounds = {},
+                             ContactForm form = ContactForm::length_weighted);
+  /// The same for a 3D mesh, with itself and with ground planes.
+  const Contact3d& add_contact_3d(double gap, const std::map<std::string, double>& pressures,
+                                  const std::vector<GroundPlane>& grounds = {});
+
+  /// The finished scene. Parts that joints connect count as one body, and the world's joints as its supports, a free
+  /// pin for what it holds. Throws InputError when a region has no material or, unless bodies may move freely because
+  /// their inertia holds them in each time step, the supports leave a rigid motion free.
+  Scene build(bool free_bodies = false);
+
+ private:
+  void support(const std::string& tag, int component, int control);
+  int density_of(const std::string& region, double density);
+  std::vector<int> part_of_nodes() const;
+  void check_materials() const;
+  void check_rigid_motions() const;
+  std::vector<Body> bodies();
+  void check_direction(const Eigen::VectorXd& direction) const;
+
+  Mesh mesh_;
+  Plane plane_;
+  int thickness_ = -1;
+  ParameterTable parameters_;
+  std::vector<double> values_;
+  std::vector<std::unique_ptr<Term>> terms_;
+  std::vector<bool> has_material_;
+  std::vector<int> modulus_;  ///< per region: table index of its Young's modulus, -1 without one
+  std::vector<bool> rigid_;   ///< per region
+  std::map<int, Support> supports_;
+  std::vector<int> clamped_;  ///< nodes of elastic clamps
+  std::vector<Joint> joints_;
+  std::vector<std::array<int, 2>> joined_;  ///< parts that a joint connects, by their places in the mesh's list
+};
+
+}  // namespace taut

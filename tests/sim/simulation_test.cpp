@@ -1,0 +1,245 @@
+#include "sim/files/simulation.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numeric>
+
+#include "sim/robots/simulate.hpp"
+#include "tests/support/experiment_files.hpp"
+#include "tests/support/message.hpp"
+#include "tests/support/small_robot.hpp"
+
+namespace taut {
+namespace {
+
+using namespace test;
+
+TEST(Schedule, GoesThroughItsPiecesWithoutAJump) {
+  using Kind = ControlSchedule::Kind;
+  ControlSchedule schedule(1);
+  schedule.add({Kind::hold, 1});
+  schedule.add({Kind::linear, 3, 5});
+  schedule.add({Kind::smooth, 4, 2});
+  schedule.add({Kind::sine, 6, 0, 0.5, 1, -M_PI / 2});
+  EXPECT_EQ(schedule.at(0), 1);
+  EXPECT_EQ(schedule.at(0.9), 1);
+  EXPECT_DOUBLE_EQ(schedule.at(2), 3);
+  EXPECT_DOUBLE_EQ(schedule.at(3), 5);
+  EXPECT_DOUBLE_EQ(schedule.at(3.5), 3.5);
+  EXPECT_DOUBLE_EQ(schedule.at(4.5), 2 + 0.5 * (0 + 1) + 0.5);  // sin(pi - pi/2) - sin(-pi/2) = 2
+  EXPECT_NEAR(schedule.at(6), 2, 1e-12);
+  EXPECT_NEAR(schedule.at(60), 2, 1e-12) << "the last value stays";
+  for (double t = 0; t < 7; t += 1e-4) EXPECT_LT(std::abs(schedule.at(t + 1e-4) - schedule.at(t)), 1e-3);
+}
+
+TEST(Schedule, RefusesNumbersThatAreNotFiniteAndPiecesOutOfOrder) {
+  ControlSchedule schedule;
+  expect_input_error([&] { schedule.add({ControlSchedule::Kind::linear, 1, std::nan("")}); }, {"not finite"});
+  schedule.add({ControlSchedule::Kind::hold, 2});
+  expect_input_error([&] { schedule.add({ControlSchedule::Kind::hold, 1}); }, {"does not end after", "order"});
+}
+
+struct Finished {
+  Simulation simulation;
+  Robot robot;
+  SimulationResult result;
+};
+Finished run(const std::string& toml) {
+  const TemporaryFolder folder;
+  const std::string path = folder.write("experiment.toml", toml);
+  EXPECT_TRUE(is_simulation(path));
+  Finished run{read_simulation(path), {}, {}};
+  run.robot = make_robot(run.simulation);
+  run.result = simulate(run.simulation, run.robot);
+  return run;
+}
+const std::vector<double>& channel(const Finished& run, const std::string& id) {
+  for (size_t k = 0; k < run.robot.readings.size(); ++k) {
+    if (run.robot.readings[k].id == id) return run.result.readings[k];
+  }
+  throw std::logic_error(id);
+}
+
+std::string without_net_force(const std::string& toml) {
+  return replaced(
+      toml, "[[channel]]\nid = \"block_force\"\nkind = \"net_force\"\nof = \"block\"\ndirection = [0, 1]\n\n", "");
+}
+
+TEST(Simulate, RunsASceneOfJointCableLoadAndFreeBodyToItsEnd) {
+  const Finished r = run(robot_toml);
+  EXPECT_EQ(r.result.failure, "");
+  ASSERT_EQ(r.result.times.size(), 21u);
+  EXPECT_DOUBLE_EQ(r.result.times.back(), 0.04);
+  EXPECT_EQ(r.result.intersecting, 0);
+  EXPECT_GT(r.result.smallest_jacobian, 0.1);
+  EXPECT_GT(r.result.smallest_distance, 0);
+  EXPECT_LT(r.result.largest_joint_gap, 6e-5) << "a thousandth of the arm";
+  EXPECT_LT(r.result.largest_motor_error, 0.5 * M_PI / 180);
+  EXPECT_NEAR(channel(r, "shoulder_angle").back(), 20 * M_PI / 180, 0.5 * M_PI / 180);
+  EXPECT_GT(channel(r, "tension").back(), 0);
+  EXPECT_GT(channel(r, "tip_turn").back(), channel(r, "shoulder_angle").back() - 0.3);
+  EXPECT_EQ(r.result.controls[0].back(), 0.003);
+}
+
+TEST(Simulate, TheForceOnAFreeBodyIsZeroInFlightAndItsImpulseTheChangeOfMomentum) {
+  const Finished r = run(robot_toml);
+  const std::vector<double>&force = channel(r, "block_force"), &height = channel(r, "block_height");
+  const double m = 1000 * 0.008 * 0.008 * 0.02, g = 9.81;
+  EXPECT_NEAR(force[1], 0, 1e-9) << "in flight";
+  const double peak = *std::max_element(force.begin(), force.end());
+  EXPECT_GT(peak, 5 * m * g) << "it meets the ground";
+  // The impulse of the force less the weight is the change of momentum; steps of 2 ms, velocities by differences as
+  // implicit Euler has them.
+  const double h = 0.002;
+  const double impulse = h * std::accumulate(force.begin() + 1, force.end(), 0.0);
+  const double v_end = (height[20] - height[19]) / h;
+  EXPECT_NEAR(impulse - m * g * 0.04, m * (v_end + 0.5), 1e-6);
+}
+
+TEST(Simulate, AllIntegratorsComeToTheSameTrajectory) {
+  // Without the falling block: contact is met by each method as it can.
+  std::string toml = without_net_force(robot_toml);
+  toml = replaced(toml, "velocity = [\"0 m/s\", \"-0.5 m/s\"]", "at = [\"20 mm\", \"200 mm\"]");
+  toml = replaced(toml, "at = [\"20 mm\", \"-38 mm\"]\n", "");
+  toml = replaced(toml, "duration = \"40 ms\"\nstep = \"2 ms\"", "duration = \"30 ms\"\nstep = \"0.25 ms\"");
+  const auto tip = [&](const std::string& integrator, const std::string& step = "0.25 ms") {
+    std::string changed = replaced(toml, "integrator = \"implicit_euler\"", "integrator = \"" + integrator + "\"");
+    const Finished r = run(replaced(changed, "step = \"0.25 ms\"", "step = \"" + step + "\""));
+    EXPECT_EQ(r.result.failure, "") << integrator;
+    return channel(r, "tip_y").back();
+  };
+  const double bdf2 = tip("bdf2"), finer = tip("bdf2", "0.125 ms"), limit = finer + (finer - bdf2) / 3;
+  const double reference = tip("arkode_implicit");
+  EXPECT_NEAR(limit, reference, 2e-6);
+  EXPECT_NEAR(tip("cvode"), reference, 2e-5);
+  const double euler = tip("implicit_euler"), euler_finer = tip("implicit_euler", "0.125 ms");
+  EXPECT_NEAR(2 * euler_finer - euler, reference, 1e-5);
+  EXPECT_NEAR((euler - reference) / (euler_finer - reference), 2, 0.2) << "order 1";
+  EXPECT_NEAR((bdf2 - limit) / (finer - limit), 4, 1.0) << "order 2";
+}
+
+TEST(Simulate, AStaticRunIsASequenceOfEquilibria) {
+  std::string toml =
+      replaced(without_net_force(robot_toml), "integrator = \"implicit_euler\"", "integrator = \"static\"");
+  // A free body has no equilibrium.
+  expect_input_error([&] { run(toml); }, {"rigid motions free"});
+  toml = replaced(toml, "at = [\"20 mm\", \"-38 mm\"]\nvelocity = [\"0 m/s\", \"-0.5 m/s\"]",
+                  "at = [\"20 mm\", \"-38 mm\"]\nclamped = [\"ymin\"]");
+  const Finished r = run(toml);
+  EXPECT_EQ(r.result.failure, "");
+  for (size_t k = 0; k < r.result.times.size(); k += 5) {
+    const Params p = r.robot.at(r.simulation, r.result.times[k]);
+    Eigen::VectorXd gradient;
+    Assembly out;
+    out.gradient = &gradient;
+    r.robot.scene.model->evaluate({r.result.states[k], p}, out);
+    EXPECT_LT(r.robot.scene.model->restrict_to_free(gradient).cwiseAbs().maxCoeff(), 1e-4);
+  }
+}
+
+struct Wrong {
+  std::string what, from, to;
+  std::vector<std::string> parts;
+};
+
+class WrongSimulation : public testing::TestWithParam<Wrong> {};
+
+TEST_P(WrongSimulation, IsRefusedWithOneClearSentence) {
+  const Wrong& wrong = GetParam();
+  const TemporaryFolder folder;
+  const std::string path = folder.write("experiment.toml", replaced(robot_toml, wrong.from, wrong.to));
+  std::vector<std::string> parts = wrong.parts;
+  parts.push_back(path);
+  expect_input_error([&] { make_robot(read_simulation(path)); }, parts);
+}
+
+const std::vector<Wrong> mistakes{
+    {"joint point outside its body",
+     "at = [\"2 mm\", \"0 mm\"]",
+     "at = [\"-20 mm\", \"0 mm\"]",
+     {"[[joint]] 'shoulder'", "20 mm outside 'arm'"}},
+    {"cable through no body",
+     "y = [\"5 mm\", \"5 mm\", \"5 mm\"]",
+     "y = [\"5 mm\", \"50 mm\", \"5 mm\"]",
+     {"[[cable]] 'upper'", "44 mm outside 'arm'"}},
+    {"bodies that overlap at rest",
+     "at = [\"20 mm\", \"-38 mm\"]",
+     "at = [\"20 mm\", \"-8 mm\"]",
+     {"[contact]", "cross each other at rest"}},
+    {"a body behind the ground",
+     "at = [\"20 mm\", \"-38 mm\"]",
+     "at = [\"20 mm\", \"-42 mm\"]",
+     {"[contact]", "cross each other at rest"}},
+    {"a negative mass", "value = \"2 g\"", "value = \"-2 g\"", {"[load] value", "negative"}},
+    {"a negative density",
+     "density = \"100 kg/m3\"",
+     "density = \"-100 kg/m3\"",
+     {"[materials.foam] density", "positive"}},
+    {"a negative mass by a control",
+     "value = \"2 g\"",
+     "control = \"weight\"\n\n[[control]]\nid = \"weight\"\nstart = \"2 g\"\n[[control.piece]]\nuntil = \"20 ms\"\nto "
+     "= "
+     "\"-2 g\"",
+     {"negative"}},
+    {"a plot of nothing",
+     "y = [\"tip_turn\"]",
+     "y = [\"tip_trun\"]",
+     {"[plot]", "'tip_trun'", "did you mean 'tip_turn'"}},
+    {"a control that moves nothing",
+     "[[load]]",
+     "[[control]]\nid = \"idle\"\nstart = \"0 mm\"\n\n[[load]]",
+     {"'idle'", "moves nothing"}},
+    {"a body inside another", "at = [\"20 mm\", \"-38 mm\"]", "at = [\"20 mm\", \"-4 mm\"]", {"'block'", "inside"}},
+    {"a period of zero",
+     "kind = \"linear\"\nto = \"20 deg\"",
+     "kind = \"sine\"\namplitude = \"2 deg\"\nperiod = \"0 s\"",
+     {"period", "positive"}},
+    {"steps without end", "duration = \"40 ms\"", "duration = \"1000000000 s\"", {"duration", "steps"}},
+    {"NaN in a schedule", "to = \"20 deg\"", "to = \"nan deg\"", {"nan"}},
+    {"NaN start", "start = \"0 mm\"", "start = \"nan mm\"", {"nan"}},
+    {"pieces out of order",
+     "until = \"40 ms\"\nto = \"3 mm\"",
+     "until = \"-1 ms\"\nto = \"3 mm\"",
+     {"until", "does not end after"}},
+    {"an angle that retracts",
+     "retraction = \"pull\"",
+     "retraction = \"motor\"",
+     {"retraction", "'motor' is not a length"}},
+    {"a control that is not there", "angle = \"motor\"", "angle = \"moter\"", {"'moter'", "did you mean 'motor'"}},
+    {"a body that is not there",
+     "between = [\"world\", \"arm\"]",
+     "between = [\"world\", \"amr\"]",
+     {"'amr'", "did you mean 'arm'"}},
+    {"a joint with itself", "between = [\"world\", \"arm\"]", "between = [\"arm\", \"arm\"]", {"two different bodies"}},
+    {"an unknown tag",
+     "of = \"arm.xmax\"\ndirection",
+     "of = \"arm.xmx\"\ndirection",
+     {"[[channel]] 'tip_y'", "arm.xmx"}},
+    {"a region without material", "[materials.rubber]", "[materials.robber]", {"robber"}},
+    {"no density", "density = \"100 kg/m3\"\n", "", {"[materials.foam]", "density"}},
+    {"a step longer than the run", "step = \"2 ms\"", "step = \"2 s\"", {"step", "not longer than the duration"}},
+    {"a gap larger than distances at rest",
+     "gap = \"0.3 mm\"",
+     "gap = \"5 mm\"",
+     {"[contact]", "larger than the smallest"}},
+    {"an unknown integrator",
+     "integrator = \"implicit_euler\"",
+     "integrator = \"euler\"",
+     {"integrator", "euler", "bdf2"}},
+    {"a misspelt key", "description = \"For tests.\"", "descripton = \"For tests.\"", {"unknown key 'descripton'"}},
+    {"two of one id", "id = \"tip_turn\"", "id = \"tip_y\"", {"'tip_y' is used twice"}},
+    {"damping of no material", "[damping.foam]", "[damping.fome]", {"[damping.fome]", "did you mean 'foam'"}},
+    {"a speed in mm",
+     "velocity = [\"0 m/s\", \"-0.5 m/s\"]",
+     "velocity = [\"0 m/s\", \"-5 mm\"]",
+     {"velocity", "speed"}},
+};
+INSTANTIATE_TEST_SUITE_P(All, WrongSimulation, testing::ValuesIn(mistakes), [](const auto& wrong) {
+  std::string name = wrong.param.what;
+  for (char& c : name) c = std::isalnum(static_cast<unsigned char>(c)) != 0 ? c : '_';
+  return name;
+});
+
+}  // namespace
+}  // namespace taut
