@@ -1,3 +1,5 @@
+#include "calib/data/files.hpp"
+
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <openssl/evp.h>
@@ -11,7 +13,6 @@
 #include <memory>
 #include <sstream>
 
-#include "reports/run_record.hpp"
 #include "sim/core/error.hpp"
 
 namespace taut {
