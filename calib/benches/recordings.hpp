@@ -3,8 +3,8 @@
 #include <string>
 #include <vector>
 
-#include "calib/benches/bench.hpp"
 #include "calib/benches/recording_protocol.hpp"
+#include "calib/benches/static_bench.hpp"
 
 namespace taut {
 

@@ -7,7 +7,7 @@
 #include <limits>
 #include <optional>
 
-#include "calib/benches/bench.hpp"
+#include "calib/benches/static_bench.hpp"
 #include "sim/core/error.hpp"
 #include "sim/materials/all.hpp"
 #include "sim/terms/solid.hpp"

@@ -2,7 +2,7 @@
 #include <memory>
 #include <vector>
 
-#include "calib/benches/bench.hpp"
+#include "calib/benches/static_bench.hpp"
 #include "calib/fit/protocol.hpp"
 
 namespace taut {

@@ -5,7 +5,7 @@
 #include <string_view>
 #include <vector>
 
-#include "calib/benches/bench.hpp"
+#include "calib/benches/static_bench.hpp"
 
 namespace taut {
 

@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "calib/benches/bench.hpp"
+#include "calib/benches/static_bench.hpp"
 #include "sim/robots/simulation.hpp"
 
 namespace taut {

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "calib/benches/bench.hpp"
+#include "calib/benches/static_bench.hpp"
 
 namespace taut {
 

@@ -2,7 +2,7 @@
 #include <string>
 #include <vector>
 
-#include "calib/benches/bench.hpp"
+#include "calib/benches/static_bench.hpp"
 #include "experiments/cli/commands.hpp"
 #include "reports/run_record.hpp"
 

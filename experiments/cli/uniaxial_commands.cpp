@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "calib/benches/bench.hpp"
+#include "calib/benches/static_bench.hpp"
 #include "calib/benches/uniaxial.hpp"
 #include "calib/files/uniaxial_file.hpp"
 #include "experiments/cli/session.hpp"

@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
 
-#include "calib/benches/bench.hpp"
+#include "calib/benches/static_bench.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"
 

@@ -3,7 +3,7 @@
 #include <fstream>
 #include <sstream>
 
-#include "calib/benches/bench.hpp"
+#include "calib/benches/static_bench.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"
 

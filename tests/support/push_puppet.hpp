@@ -1,5 +1,5 @@
 #pragma once
-#include "calib/benches/bench.hpp"
+#include "calib/benches/static_bench.hpp"
 #include "sim/contact/contact.hpp"
 
 // The reference push-puppet module on its bench, for tests and benchmarks: four retractions, four hung masses.

@@ -1,13 +1,16 @@
 #pragma once
+#include <fmt/format.h>
+
 #include <map>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "calib/benches/recording_protocol.hpp"
 #include "calib/benches/static_protocol.hpp"
 #include "calib/data/trials.hpp"
 #include "calib/files/experiment.hpp"
-#include "calib/fit/fit.hpp"
+#include "sim/core/error.hpp"
 
 namespace taut {
 
@@ -36,29 +39,18 @@ struct BenchModel {
 /// which decides what kind of load it is, and the values it takes. Its readings are not looked at.
 BenchModel make_model(const Experiment& experiment, const MeshSettings& settings, const Trials& trials);
 
-/// Readings as rows: one row per distinct (controls, channel), readings of one row are repeats.
-struct BenchRows {
-  std::vector<StaticRow> rows;
-  std::vector<int> row_of_reading;
-  std::vector<Measurement> measurements;
-};
-BenchRows rows_of_readings(const Experiment& experiment, const BenchModel& model, const Trials& trials);
+/// Position of a control among experiment.bench.controls.
+size_t position_of_control(const Experiment& experiment, const std::string& id);
 
-/// Readings as rows of a static protocol.
-struct StaticBench {
-  std::unique_ptr<StaticProtocol> protocol;
-  std::vector<Cable> cables;
-  const Contact* contact = nullptr;  ///< of its model, in 2D
-  std::vector<int> row_of_reading;
-  std::vector<Measurement> measurements;
-};
-StaticBench make_static_bench(const Experiment& experiment, const MeshSettings& settings, const Trials& trials);
-
-/// The experiment's free parameters with starts and bounds filled in from the model. Throws InputError for unknown ids,
-/// a start outside its bounds, and bounds outside the physical range.
-std::vector<FreeParameter> free_parameters(const Experiment& experiment, const Protocol& protocol);
-
-/// A load as a force [N] for figures: itself, a mass times gravity; other quantities as they are.
-double load_in_newtons(const Experiment& experiment, Quantity quantity, double value_si);
+/// Runs `action` and puts the file (and the part of it) in front of what goes wrong.
+template <class Action>
+auto at(const Experiment& experiment, const std::string& part, Action&& action) {
+  try {
+    return action();
+  } catch (const InputError& error) {
+    if (std::string_view(error.what()).starts_with(experiment.path + ":")) throw;  // it says where, to the line
+    throw InputError(fmt::format("{}: {}: {}", experiment.path, part, error.what()));
+  }
+}
 
 }  // namespace taut
