@@ -1,0 +1,124 @@
+#pragma once
+#include <array>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "calib/fit/fit.hpp"
+#include "calib/studies/discretisation.hpp"
+
+namespace taut {
+
+/// Where a result comes from, so that it can be made again.
+struct Provenance {
+  std::string version, commit;                                 ///< of taut
+  std::vector<std::pair<std::string, std::string>> libraries;  ///< name, version
+  std::string command_line;
+  std::vector<std::pair<std::string, std::string>> inputs;  ///< path as given, SHA-256
+  std::string started;                                      ///< UTC, ISO 8601
+  std::string machine;                                      ///< processor, cores, system
+  unsigned seed = 0;                                        ///< nothing in a fit is random; 0 says so
+  double wall_seconds = 0;
+};
+
+/// One measured number beside what the fitted model says.
+struct ReadingRecord {
+  int line = 0;
+  std::string trial, channel;
+  std::vector<double> controls;                                      ///< SI
+  double measured = 0, sigma = 0, predicted = 0, prediction_se = 0;  ///< SI
+};
+
+/// The fitted curve of one channel over the load, everything else held: for the figures.
+struct CurveRecord {
+  std::string channel;
+  std::string series;                     ///< what is held ("retraction 5.89 mm"), "" when there is only one series
+  std::vector<double> load;               ///< force [N]
+  std::vector<double> value, se;          ///< predicted displacement and standard error of the curve [m]
+  std::vector<double> increment_se = {};  ///< standard error of value - value at zero load [m]; empty: not known
+};
+
+/// Side view of the deformed specimen in one condition.
+struct ShapeRecord {
+  std::string label;                            ///< "0.51 N"
+  std::vector<std::array<double, 4>> segments;  ///< boundary lines x0 y0 x1 y1 in the drawing plane [m]
+  // In 2D also, for panels beside each other:
+  using Line = std::vector<std::array<double, 2>>;  ///< points in the drawing plane [m]
+  struct Area {
+    std::string region;
+    std::vector<Line> loops;  ///< closed, anticlockwise around the region, clockwise around its holes
+  };
+  std::vector<Area> areas = {};
+  std::vector<Line> cables = {};
+  std::string row = {}, column = {};  ///< what is held ("retraction 5.89 mm") and the load ("50 g")
+};
+
+/// A refit with another element or mesh.
+struct VariantRecord {
+  std::string name, mesh;  ///< its name, "quadratic, locking-free, 14 x 5 x 5 cells"; of a material point its law
+  int unknowns = 0;        ///< of a material point: readings
+  std::string status;      ///< of its fit
+  std::vector<double> values, standard_errors;  ///< per free parameter, SI
+  double chi_squared = 0, seconds = 0;
+};
+
+/// One parameter fitted to a part of the readings alone, everything else held.
+struct DiagnosticRecord {
+  std::string parameter;
+  std::string part;                      ///< "retraction = 5.89 mm"
+  double value = 0, standard_error = 0;  ///< SI; NaN where that fit failed
+  double chi_squared = 0;
+  int readings = 0;
+};
+
+/// Frequency and decay of one channel of one recording, by ring_down() of the readings and of the predictions at their
+/// times.
+struct SwingRecord {
+  std::string recording, channel;
+  double frequency = 0, decay = 0;                      ///< measured [Hz], [1/s]
+  double predicted_frequency = 0, predicted_decay = 0;  ///< [Hz], [1/s]
+};
+
+struct ReferenceRecord {
+  std::string parameter;
+  double value = 0;
+  std::string source;
+};
+
+/// Everything that a run found, as plain data: written to fit.json (reports/run_record.hpp), read back by `taut report`
+/// and `taut predict`. Figures and report.html are functions of this record alone.
+struct RunRecord {
+  std::string title;
+  bool simulated = false;       ///< the readings were simulated, not measured
+  bool material_point = false;  ///< readings are nominal stresses [Pa] over control 0, a strain; curves too, and
+                                ///< variants are other laws or fewer readings
+  bool over_time = false;       ///< readings are of recordings (`series`) over control 0, the time [s]; curves too
+  std::string experiment_file;  ///< its copy in the run folder
+  std::string data_file;        ///< its copy in the run folder
+  std::vector<std::pair<std::string, std::string>> setup;  ///< "mesh", "quadratic ..." lines for the report
+  std::vector<std::string> control_ids, control_units;     ///< SI units
+  std::string load_label;                                  ///< "load", for axes
+  int load_control = -1;                   ///< index among the controls of the load that the figures are drawn over
+  std::vector<double> load_newtons;        ///< per reading: the load as a force [N]
+  std::vector<std::string> series;         ///< per reading: as CurveRecord::series
+  std::vector<std::string> parameter_ids;  ///< of fit.p, in its order
+  FitResult fit;  ///< fit.parameters, statistics; fit.predicted etc. are per protocol row and not stored
+  std::vector<DiscretisationShare> shares;  ///< of mesh and contact gap in fit.parameters; empty: not asked for
+  std::vector<ReadingRecord> readings;
+  std::vector<CurveRecord> curves;
+  std::vector<ShapeRecord> shapes;
+  std::string shape_axes[2];  ///< "x", "z"
+  int trend_degree = 0;       ///< of the polynomial through each series of the effective stiffness; 0: none
+  VariantRecord main;         ///< the fit itself, as a row of the table of variants
+  std::vector<VariantRecord> variants;
+  std::vector<DiagnosticRecord> diagnostics;
+  std::vector<SwingRecord> swings;
+  std::vector<ReferenceRecord> references;
+  std::vector<std::string> remarks;  ///< what a reader must know: data recognised, folded elements, failures
+  double replay_seconds = 0;         ///< one cold replay of all rows
+  int replay_factorisations = 0;
+  Provenance provenance;
+};
+
+}  // namespace taut
