@@ -407,14 +407,9 @@ std::string animation_fragment(const SimulationRecord& record) {
 }
 
 std::string animation_html(const SimulationRecord& record) {
-  return fmt::format(
-      "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
-      "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>Simulation: {0}</title>\n"
-      "<style>body {{ font: 16px/1.4 system-ui, sans-serif; color: #222; margin: 0 auto; padding: 1rem; max-width: "
-      "60rem; }} "
-      "h1 {{ font-size: 1.3rem; margin: 0 0 .3rem; }} p {{ margin: .3rem 0; }}</style>\n</head>\n<body>\n"
-      "<h1>Simulation: {0}</h1>\n<p>{1}</p>\n{2}</body>\n</html>\n",
-      html::escaped(record.title), html::escaped(record.description), animation_fragment(record));
+  return html::page("Simulation: " + record.title,
+                    fmt::format("<h1>Simulation: {}</h1>\n<p>{}</p>\n{}", html::escaped(record.title),
+                                html::escaped(record.description), animation_fragment(record)));
 }
 
 }  // namespace taut

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "reports/axes.hpp"
 #include "sim/core/units.hpp"
 
 namespace taut {
@@ -126,7 +127,7 @@ std::string interpretation(const RunRecord& record, const DiagnosticGroup& group
 std::string remedy_for_lack_of_fit(const RunRecord& record) {
   const LackOfFit& lack = record.fit.lack_of_fit;
   if (!lack.available || !(lack.p_value < 0.05)) return "";
-  if (record.material_point) {
+  if (over_strain(record)) {
     return "What to try: a [[fit.variant]] with another law, or with the modes apart, to see which one the law does "
            "not follow.";
   }

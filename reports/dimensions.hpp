@@ -2,12 +2,16 @@
 #include <string>
 #include <vector>
 
+#include "sim/shapes/drawing.hpp"
+
 /// Dimension lines around a drawing, as on an engineer's sheet. Used inside reports/ only.
 namespace taut::plot {
 
-/// A length with its extension lines, shown on one side of the body.
+/// A DimensionLine as it is drawn.
 struct Dimension {
-  enum Side { below, above, left, right } side;
+  using enum DimensionLine::Side;
+  using Side = DimensionLine::Side;
+  Side side;
   double from, to;  ///< along the side [mm]
   double body;      ///< across it: where the extension lines begin [mm]
   std::string text;

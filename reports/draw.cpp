@@ -234,8 +234,9 @@ class Sheet {
     }
     entries.push_back({LegendEntry::heading, "Measured"});
     for (const ChannelSettings& channel : experiment_.channels) {
+      const std::string place = channel.of_place() ? ", mean of " : fmt::format(", {} of ", name_of(channel.kind));
       entries.push_back(
-          {LegendEntry::point, channel.id + (channel.on.empty() ? "" : ", mean of " + channel.on), kMeasured, 13});
+          {LegendEntry::point, channel.id + (channel.on.empty() ? "" : place + channel.on), kMeasured, 13});
     }
     return entries;
   }
@@ -274,7 +275,7 @@ class Sheet {
     for (const std::vector<Eigen::Vector2d>& line : experiment_.contact.obstacles) {
       for (size_t i = 1; i < line.size(); ++i) add(line[i - 1] / kMillimetre, line[i] / kMillimetre);
     }
-    for (const GroundLine& ground : experiment_.contact.grounds) {
+    for (const GroundSettings& ground : experiment_.contact.grounds) {
       const double reach = 2 * (window.upper - window.lower).norm();
       const Point middle = ground.point / kMillimetre, along(-ground.normal.y(), ground.normal.x());
       add(middle - reach * along, middle + reach * along);
@@ -328,6 +329,7 @@ class Sheet {
   void add_channels(Page& page, const Window& window, std::vector<std::string>& plots) const {
     std::vector<std::vector<double>> rows;
     for (const ChannelSettings& channel : experiment_.channels) {
+      if (channel.of_cable()) continue;  // it is drawn as a cable
       const Point at = channel.on.empty() ? Point(Point(channel.point[0], channel.point[1]) / kMillimetre)
                                           : place_of(mesh_, mesh_.select(channel.on)).middle;
       if (window.contains(at)) rows.push_back({at.x(), at.y()});
@@ -402,89 +404,38 @@ std::vector<Dimension> overall(const Window& body) {
           {Dimension::right, body.lower.y(), body.upper.y(), body.upper.x(), millimetres(kMillimetre * size.y())}};
 }
 
-/// Lengths of a module for its drawing. [mm]
-struct ModuleView {
-  explicit ModuleView(const PushPuppet& puppet) : m(puppet) {
-    gap = mm(m.gap_total) / m.cells;
-    lip = 0.5 * (mm(m.cell_length) - gap);
-    low = mm(0.5 * m.core_height + m.clearance);
-    high = low + mm(m.lip_thickness);
-    pitch = mm(m.cell_length + m.web_thickness);
-    cell = mm(m.cell_length);
-    plate = mm(m.plate_thickness);
-    end = m.cells * pitch - mm(m.web_thickness);
+std::vector<Dimension> dimensions_of(const std::vector<DimensionLine>& lines) {
+  std::vector<Dimension> list;
+  for (const auto& [side, from, to, body, name] : lines) {
+    list.push_back(
+        {side, from / kMillimetre, to / kMillimetre, body / kMillimetre, name + " " + millimetres(to - from)});
   }
-  static double mm(double metres) { return metres / kMillimetre; }
+  return list;
+}
 
-  std::vector<Dimension> whole() const {
-    std::vector<Dimension> list;
-    const auto add = [&](Dimension::Side side, double from, double to, double body, const std::string& name) {
-      list.push_back({side, from, to, body, name + " " + millimetres(kMillimetre * (to - from))});
-    };
-    const double tip = end + plate;
-    add(Dimension::above, lip, lip + gap, high, "gap");
-    if (m.cells > 1) {
-      const int web = m.cells / 2;  // the one after this many cells
-      add(Dimension::above, web * pitch - mm(m.web_thickness), web * pitch, high, "web");
-    }
-    add(Dimension::above, end, tip, high, "plate");
-    add(Dimension::below, 0, cell, -high, "cell");
-    if (m.cells > 1) add(Dimension::below, 0, end, -high, "core");
-    add(Dimension::below, -plate, tip, -high, "total");
-    add(Dimension::right, -high, high, tip, "height");
-    return list;
+/// Lengths inside the body, and its axis.
+std::string drawn_inside(const ShapeDrawing& drawing, double scale) {
+  std::string out;
+  for (const InnerLine& line : drawing.inner) {
+    const double width = (line.right - line.left) / kMillimetre;
+    const double place = width * scale > 60 ? line.place : std::max(line.place, 0.62);  // numbers stand on its left
+    out += dimension_inside(line.left / kMillimetre + place * width, line.from / kMillimetre, line.to / kMillimetre,
+                            line.name + " " + millimetres(line.to - line.from), scale);
   }
-
-  /// Inside the body: height of the core, and the cable's distance from the axis.
-  std::string inside(double scale) const {
-    const double half = mm(0.5 * m.core_height), cable = mm(std::abs(m.cable_offset));
-    const int of_core = m.cells > 1 ? 1 : 0;
-    const double place = cell * scale > 60 ? 0.4 : 0.62;  // numbers stand left of their line
-    const double offset_x = (m.cells - 1) * pitch + (m.cells > 1 ? 0.62 : 0.75) * cell;
-    return dimension_inside(of_core * pitch + place * cell, -half, half, "core " + millimetres(m.core_height), scale) +
-           dimension_inside(offset_x, 0, cable, "cable " + millimetres(std::abs(m.cable_offset)), scale) +
-           fmt::format(
-               "set arrow from first {:.8g},0 to first {:.8g},0 nohead front lw 0.9 dt (14,4,2,4) lc rgb '{}'\n",
-               -plate, end + plate, kGrey);
+  if (drawing.axis) {
+    out +=
+        fmt::format("set arrow from first {:.8g},0 to first {:.8g},0 nohead front lw 0.9 dt (14,4,2,4) lc rgb '{}'\n",
+                    drawing.axis->first / kMillimetre, drawing.axis->second / kMillimetre, kGrey);
   }
+  return out;
+}
 
-  Window detail() const {
-    const double room = 0.55;  // of the walls beside the cell
-    const double left = -room * plate, right = cell + room * (m.cells > 1 ? mm(m.web_thickness) : plate);
-    const double half = mm(0.5 * m.core_height);
-    return {{left, half - 0.35 * (high - half)}, {right, high}};
-  }
-
-  std::vector<Dimension> of_detail() const {
-    std::vector<Dimension> list;
-    const auto add = [&](Dimension::Side side, double from, double to, double body, const std::string& name) {
-      list.push_back({side, from, to, body, name + " " + millimetres(kMillimetre * (to - from))});
-    };
-    const double relief = mm(m.lip_relief), via = mm(m.via_inset), half = mm(0.5 * m.core_height);
-    const double face = lip + gap;  // of the right lip
-    const double depth = m.stud_length > 0 ? mm(m.stud_length + m.stud_play) : 0.0;
-    const double cable = mm(std::abs(m.cable_offset));
-    if (depth > 0) {
-      const double middle = 0.5 * (low + high), tongue = mm(0.5 * m.stud_thickness), play = mm(m.stud_play);
-      add(Dimension::below, lip, lip + mm(m.stud_length), middle - tongue, "stud");
-      add(Dimension::below, face, face + depth, middle - tongue - play, "groove");
-      add(Dimension::left, middle - tongue, middle + tongue, lip, "stud");
-      add(Dimension::right, middle - tongue - play, middle + tongue + play, face, "groove");
-    }
-    add(Dimension::above, 0, lip, high - relief, "left lip");
-    add(Dimension::above, lip, face, high - relief, "gap");
-    add(Dimension::above, face, cell, high, "right lip");
-    add(Dimension::below, lip - via, lip, cable, "via inset");
-    add(Dimension::left, low + relief, high - relief, 0, "left lip");
-    if (relief > 0) add(Dimension::left, high - relief, high, 0, "relief");
-    add(Dimension::right, low, high, cell, "right lip");
-    add(Dimension::right, half, low, cell, "clearance");
-    return list;
-  }
-
-  const PushPuppet& m;
-  double gap, lip, low, high, pitch, cell, plate, end;
-};
+std::string rows_of(const std::vector<Dimension>& dimensions) {
+  std::string csv;
+  const std::string none;
+  for (const Dimension& d : dimensions) csv += line(std::string("dimension"), d.text, none, none, none, d.to - d.from);
+  return csv;
+}
 
 std::string frame_around(const Window& window, const char* style) {
   return fmt::format(
@@ -493,47 +444,51 @@ std::string frame_around(const Window& window, const char* style) {
       window.lower.x(), window.lower.y(), window.upper.x(), window.upper.y(), kGrey, style);
 }
 
+/// One part of the body, enlarged: its panel and the frame around it in both.
+struct DetailView {
+  DetailView(const ShapeDrawing::Detail& detail, double across)
+      : title(detail.title + ", enlarged (the dashed frame above)"),
+        window{detail.lower / kMillimetre, detail.upper / kMillimetre},
+        list(dimensions_of(detail.lines)),
+        view(window, list, across, 330, 10, 0) {}
+
+  std::string frame() const { return frame_around(window, "dt (4,4) lw 1.2"); }
+
+  std::string title;
+  Window window;
+  std::vector<Dimension> list;
+  View view;
+};
+
 Drawing rest_drawing(const Experiment& experiment, const Mesh& mesh) {
   const Sheet sheet(experiment, mesh);
   const std::vector<LegendEntry> legend = sheet.legend();
   const double legend_left = kPageWidth - legend_width(legend, 250) - 8;
   const double across = legend_left - 24 - kLeft;
-  const bool module = experiment.geometry.kind == "push_puppet";
-  const ModuleView puppet(experiment.geometry.puppet);
-  const std::vector<Dimension> whole = module ? puppet.whole() : overall(sheet.body());
-  const View main(sheet.body(), whole, across, 420, Sheet::tag_beside + 14, module ? 0 : 26);
-  std::optional<View> detail;
-  if (module) detail.emplace(puppet.detail(), puppet.of_detail(), across, 330, 10, 0);
+  const std::optional<ShapeDrawing> own = experiment.geometry.shape->drawing();
+  const std::vector<Dimension> whole = own ? dimensions_of(own->lines) : overall(sheet.body());
+  const View main(sheet.body(), whole, across, 420, Sheet::tag_beside + 14, own ? 0 : 26);
+  std::optional<DetailView> detail;
+  if (own && own->detail) detail.emplace(*own->detail, across);
 
   const double rows = 19.0 * static_cast<double>(legend.size()) + 40;
   const double main_height = std::max(main.height(), rows - (detail ? 200 : 0));
   const double height =
-      kTitle + kAbove + main_height + kBelow + (detail ? kAbove + 14 + detail->height() + kBelow : 0.0);
-  std::string subtitle = experiment.title;
-  const std::string thick = millimetres(experiment.geometry.thickness) + " thick";
-  if (module) {
-    const PushPuppet& m = experiment.geometry.puppet;
-    subtitle += fmt::format(": {} cell{}, gaps of one side {} in all, {}", m.cells, m.cells == 1 ? "" : "s",
-                            millimetres(m.gap_total), thick);
-  } else {
-    subtitle += ": " + thick;
-  }
+      kTitle + kAbove + main_height + kBelow + (detail ? kAbove + 14 + detail->view.height() + kBelow : 0.0);
+  const std::string subtitle = experiment.title + ": " + (own ? own->summary + ", " : "") +
+                               millimetres(experiment.geometry.thickness) + " thick";
   // A drawing shows no readings, so there are no simulated ones to warn of.
   Page page(kPageWidth, height, "The specimen at rest, to scale", subtitle, false);
   const double top = height - kTitle - kAbove;
   page.legend(legend_left, top - 6, legend);
   std::string extra = sheet.marks(main.scale());
-  if (module) extra += puppet.inside(main.scale()) + frame_around(puppet.detail(), "dt (4,4) lw 1.2");
+  if (own) extra += drawn_inside(*own, main.scale());
+  if (detail) extra += detail->frame();
   main.draw(page, sheet, top - main.height(), "", extra);
-  std::string csv = sheet.csv();
-  const std::string none;
-  for (const Dimension& d : whole) csv += line(std::string("dimension"), d.text, none, none, none, d.to - d.from);
+  std::string csv = sheet.csv() + rows_of(whole);
   if (detail) {
-    detail->draw(page, sheet, kBelow, "One gap, enlarged (the dashed frame above)",
-                 frame_around(puppet.detail(), "dt (4,4) lw 1.2"));
-    for (const Dimension& d : puppet.of_detail()) {
-      csv += line(std::string("dimension"), d.text, none, none, none, d.to - d.from);
-    }
+    detail->view.draw(page, sheet, kBelow, detail->title, detail->frame());
+    csv += rows_of(detail->list);
   }
   return {
       {"drawing", "The specimen at rest, to scale",
@@ -552,7 +507,7 @@ Figure draw_experiment(const Experiment& experiment, const Mesh& mesh, const std
     throw InputError(
         fmt::format("{}: [geometry] kind = \"{}\" is 3D and taut draws 2D experiments only; run `taut replay` and open "
                     "states/states.pvd in ParaView",
-                    experiment.path, experiment.geometry.kind));
+                    experiment.path, experiment.geometry.kind()));
   }
   return plot::finished(plot::rest_drawing(experiment, mesh), folder);
 }

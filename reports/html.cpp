@@ -12,6 +12,37 @@
 namespace taut::html {
 namespace {
 
+const char* const kStyle = R"(
+:root { color-scheme: light; }
+body { font: 16px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif; color: #222;
+  background: #fff; margin: 0 auto; padding: 1.5rem 1rem 4rem; max-width: 60rem; }
+h1 { font-size: 1.7rem; line-height: 1.2; margin: 0 0 .3rem; }
+h2 { font-size: 1.25rem; margin: 2.4rem 0 .6rem; padding-bottom: .2rem; border-bottom: 1px solid #ddd; }
+h3 { font-size: 1rem; margin: 1.4rem 0 .4rem; }
+p { margin: .5rem 0; max-width: 46rem; }
+li { max-width: 46rem; }
+.origin { color: #666; margin-bottom: 1rem; }
+.banner { background: #d55e00; color: #fff; font-weight: 600; padding: .6rem 1rem; border-radius: .3rem;
+  margin: 0 0 1rem; max-width: none; }
+.answer { background: #f1f6fa; border-left: .35rem solid #0072b2; padding: .8rem 1rem; margin: 1rem 0; }
+.answer p { max-width: none; margin: .25rem 0; }
+.answer .number { font-size: 1.2rem; font-weight: 600; }
+.warning { border-left: .35rem solid #d55e00; padding: .2rem 0 .2rem .8rem; }
+.scroll { overflow-x: auto; }
+table { border-collapse: collapse; font-size: .88rem; margin: .6rem 0; }
+th, td { text-align: left; vertical-align: top; padding: .28rem .8rem .28rem 0; border-bottom: 1px solid #e6e6e6; }
+th { border-bottom: 2px solid #bbb; font-weight: 600; }
+td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+td.hash { font-family: ui-monospace, Menlo, Consolas, monospace; font-size: .75rem; overflow-wrap: anywhere; }
+figure { margin: 1.6rem 0; }
+figure svg, figure img { width: 100%; height: auto; display: block; }
+figcaption { margin-top: .6rem; color: #555; font-size: .92rem; max-width: 46rem; }
+code, pre { font-family: ui-monospace, Menlo, Consolas, monospace; font-size: .85em; overflow-wrap: anywhere; }
+pre { background: #f6f6f6; padding: .8rem; overflow-x: auto; }
+@media print { body { font-size: 10.5pt; max-width: none; padding: 0; } h2 { break-after: avoid; }
+  .scroll { overflow: visible; } table { font-size: 8pt; } figure, tr, .answer { break-inside: avoid; } .banner { color: #000; border: 2px solid #d55e00; } #motion { display: none; } }
+)";
+
 void remove_between(std::string& text, const std::string& begin, const std::string& end) {
   for (size_t at = text.find(begin); at != std::string::npos; at = text.find(begin, at)) {
     const size_t stop = text.find(end, at);
@@ -21,6 +52,25 @@ void remove_between(std::string& text, const std::string& begin, const std::stri
 }
 
 }  // namespace
+
+std::string page(const std::string& title, const std::string& body) {
+  return fmt::format(
+      "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
+      "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>{}</title>\n<style>{}</style>\n"
+      "</head>\n<body>\n{}</body>\n</html>\n",
+      escaped(title), kStyle, body);
+}
+
+std::string paragraph(const std::string& text, const std::string& kind) {
+  return fmt::format("<p{}>{}</p>\n", kind.empty() ? "" : fmt::format(" class=\"{}\"", kind), escaped(text));
+}
+
+std::string figure(const Figure& figure, size_t largest) {
+  const std::string picture = figure.svg.size() <= largest ? inlined(figure.svg, figure.name, figure.title)
+                                                           : fmt::format("<img src=\"figures/{}.png\" alt=\"{}\">\n",
+                                                                         escaped(figure.name), escaped(figure.title));
+  return fmt::format("<figure>\n{}<figcaption>{}</figcaption>\n</figure>\n", picture, escaped(figure.caption));
+}
 
 std::string escaped(const std::string& text) {
   std::string out;

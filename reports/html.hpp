@@ -2,8 +2,19 @@
 #include <string>
 #include <vector>
 
+#include "reports/report.hpp"
+
 /// Pieces of report.html. Used inside reports/ only.
 namespace taut::html {
+
+/// A whole page that loads nothing from anywhere.
+std::string page(const std::string& title, const std::string& body);
+
+/// A paragraph of this text, escaped here.
+std::string paragraph(const std::string& text, const std::string& kind = "");
+
+/// A figure with its caption: its SVG, or a link to its picture where that has more than `largest` bytes.
+std::string figure(const Figure& figure, size_t largest = std::string::npos);
 
 /// Text as HTML shows it: nothing in it is markup.
 std::string escaped(const std::string& text);

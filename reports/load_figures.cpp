@@ -7,19 +7,18 @@
 #include <map>
 #include <set>
 
-#include "reports/figures.hpp"
+#include "reports/run_sections.hpp"
 
 namespace taut::plot {
 namespace {
 
-constexpr double k95 = 1.959963984540054;  // 97.5 % quantile of the normal distribution
-constexpr double kPanelHeight = 330;       // px, axis labels and panel title not counted
+constexpr double kPanelHeight = 330;  // px, axis labels and panel title not counted
 
 /// Readings of one channel in one series, and the curve that the fit draws through them.
 struct Group {
   std::string channel, series, colour;
   size_t panel = 0;  ///< one per channel
-  double sign = 1;   ///< that makes the mean displacement positive
+  double sign = 1;   ///< that makes the mean reading positive
   std::vector<size_t> readings;
   const CurveRecord* curve = nullptr;
 };
@@ -29,13 +28,6 @@ struct Groups {
   std::vector<std::string> channels, series, trials;  ///< in order of appearance
 };
 
-size_t place_in(std::vector<std::string>& list, const std::string& item) {
-  const auto found = std::ranges::find(list, item);
-  if (found != list.end()) return static_cast<size_t>(found - list.begin());
-  list.push_back(item);
-  return list.size() - 1;
-}
-
 std::string series_of(const RunRecord& record, size_t reading) {
   return record.series.empty() ? "" : record.series.at(reading);
 }
@@ -44,12 +36,14 @@ bool has_loads(const RunRecord& record) {
   return !record.readings.empty() && record.load_newtons.size() == record.readings.size();
 }
 
-Groups groups_of(const RunRecord& record) {
+/// Of all channels, or of those that measure `quantity` only.
+Groups groups_of(const RunRecord& record, std::optional<Quantity> quantity = std::nullopt) {
   Groups groups;
   std::map<std::pair<size_t, size_t>, size_t> index;
   std::map<size_t, double> sum;  // of the readings of a channel
   for (size_t i = 0; i < record.readings.size(); ++i) {
     const ReadingRecord& reading = record.readings[i];
+    if (quantity && !is(channel_axis(record, reading.channel), *quantity)) continue;
     const size_t channel = place_in(groups.channels, reading.channel);
     const size_t series = place_in(groups.series, series_of(record, i));
     place_in(groups.trials, reading.trial);
@@ -218,6 +212,102 @@ Unloaded unloaded_of(const RunRecord& record, const Group& group) {
   return zero;
 }
 
+/// Secant stiffness of a group: points of its readings and a band of its curve, [N/m] over [N].
+struct Stiffness {
+  std::map<size_t, std::vector<double>> points;  ///< by reading: force, k, sigma of k
+  Band band;
+  bool increment = false;  ///< displacements are counted from the readings at zero load
+  bool bound = false;      ///< the band is as wide as it can be: a correlation is not known
+};
+
+/// Numbers of all groups, for axes and the CSV file.
+struct StiffnessNumbers {
+  std::vector<double> loads, centres, reach;
+  std::string csv;
+
+  void add(double force, double k, double half) {
+    loads.push_back(force);
+    centres.push_back(k);
+    reach.insert(reach.end(), {k - half, k + half});
+  }
+};
+
+Stiffness stiffness_of(const RunRecord& record, const Group& group, StiffnessNumbers& numbers) {
+  const std::string none;
+  const Unloaded zero = unloaded_of(record, group);
+  Stiffness out;
+  out.increment = zero.available;
+  double work = 0, smallest = std::numeric_limits<double>::infinity();
+  for (const size_t i : group.readings) {
+    work += record.load_newtons[i] * (record.readings[i].measured - zero.measured);
+    if (record.load_newtons[i] != 0) smallest = std::min(smallest, std::abs(record.load_newtons[i]));
+  }
+  const double sign = work < 0 ? -1 : 1;
+  for (const size_t i : group.readings) {
+    const ReadingRecord& r = record.readings[i];
+    const double force = record.load_newtons[i], delta = sign * (r.measured - zero.measured);
+    if (force == 0 || delta == 0) continue;
+    const double k = force / delta;
+    const double sigma = std::abs(force) * std::hypot(r.sigma, zero.sigma) / (delta * delta);
+    out.points[i] = {force, k, sigma};
+    numbers.add(force, k, sigma);
+    numbers.csv += line("reading", r.channel, group.series, r.trial, force, delta / kMillimetre, k, sigma, none, none);
+  }
+  if (group.curve == nullptr) return out;
+  const CurveRecord& curve = *group.curve;
+  for (size_t i = 0; i < curve.load.size(); ++i) {
+    const double force = curve.load[i], delta = sign * (curve.value.at(i) - zero.predicted);
+    // Near zero load the quotient says nothing.
+    if (std::abs(force) < 0.5 * smallest || delta == 0) continue;
+    const double k = force / delta;
+    double se = curve.se.at(i);
+    if (zero.available && curve.increment_se.size() == curve.load.size()) {
+      se = curve.increment_se[i];
+    } else if (zero.available) {
+      se += zero.se;  // whatever their correlation, it is not more
+      out.bound = true;
+    }
+    const double half = std::isfinite(se) ? k95 * std::abs(force) * se / (delta * delta) : 0;
+    out.band.middle.push_back({force, k});
+    out.band.lower.push_back({force, k - half});
+    out.band.upper.push_back({force, k + half});
+    numbers.add(force, k, half);
+    numbers.csv +=
+        line("curve", group.channel, group.series, none, force, delta / kMillimetre, k, half / k95, k - half, k + half);
+  }
+  return out;
+}
+
+/// The plot of the polynomial through the points of a group, where there is one; its numbers go to `csv`.
+void add_trend(Page& page, const Group& group, const std::map<size_t, std::vector<double>>& points, int degree,
+               bool positive_only, std::string& csv, std::vector<std::string>& plots) {
+  const std::string none;
+  std::vector<std::vector<double>> polynomial = trend(points, degree);
+  std::erase_if(polynomial, [&](const std::vector<double>& point) { return positive_only && !(point[1] > 0); });
+  for (const std::vector<double>& point : polynomial)
+    csv += line("trend", group.channel, group.series, none, point[0], none, point[1], none, none, none);
+  if (!polynomial.empty())
+    plots.push_back(
+        fmt::format("{} using 1:2 with lines lw 1.6 dt (6,4) lc rgb '{}'", page.data(polynomial), group.colour));
+}
+
+std::string stiffness_caption(bool any_increment, bool any_plain, bool any_bound, bool trend, bool logarithmic) {
+  std::string caption =
+      "Secant stiffness of every reading: load divided by displacement, the bars being the standard deviation of the "
+      "reading carried over. A straight horizontal line would be a linear spring; a rising one stiffens under load.";
+  if (any_increment) {
+    caption += any_plain ? " Where readings at zero load exist, the displacement is the increment beyond their mean."
+                         : " The displacement is the increment beyond self-weight, that is beyond the mean reading at "
+                           "zero load.";
+  }
+  if (any_bound) caption += " The band of an increment is drawn at its largest possible width.";
+  if (trend)
+    caption +=
+        " Dashed: a polynomial through the readings of each series, weighted with their bars, without any model.";
+  if (!logarithmic) caption += " The vertical axis does not start at zero.";
+  return caption;
+}
+
 }  // namespace
 
 std::optional<Drawing> force_displacement(const RunRecord& record) {
@@ -227,120 +317,81 @@ std::optional<Drawing> force_displacement(const RunRecord& record) {
                                                              {LegendEntry::heading, "Fitted model"},
                                                              {LegendEntry::line, "curve"},
                                                              {LegendEntry::band, "its 95 % band"}});
+  const ReadingUnits units(record);
   const size_t columns = std::min<size_t>(groups.channels.size(), 3);
   const Grid grid = grid_of(groups.channels.size(), columns, legend_width(legend), kPanelHeight);
-  Page page(grid.width, grid.height, "Force and displacement", record.title, record.simulated);
+  const std::string title = "Force and " + (units.what() == "value" ? "readings" : units.what());
+  Page page(grid.width, grid.height, title, record.title, record.simulated);
   page.legend(grid.legend_left, grid.legend_top, legend);
 
-  std::string csv = "kind,channel,series,trial,load_N,displacement_mm,sigma_mm,band_lower_mm,band_upper_mm\n";
+  std::string csv =
+      units.heads(fmt::format("kind,channel,series,trial,load_N,{},{},{},{}\n", units.column(units.what()),
+                              units.column("sigma"), units.column("band_lower"), units.column("band_upper")));
   std::vector<std::vector<double>> shown(groups.channels.size());
   std::vector<std::vector<std::string>> points(groups.channels.size()), curves(groups.channels.size());
   std::vector<double> loads = record.load_newtons;
   const std::string none;
   for (const Group& group : groups.all) {
     std::map<size_t, std::vector<double>> rows;
+    const double unit = units.of(group.channel).factor;
     for (const size_t i : group.readings) {
       const ReadingRecord& r = record.readings[i];
-      const double x = group.sign * r.measured / kMillimetre, sigma = r.sigma / kMillimetre;
+      const double x = group.sign * r.measured / unit, sigma = r.sigma / unit;
       rows[i] = {x, record.load_newtons[i], sigma};
       shown[group.panel].insert(shown[group.panel].end(), {x - sigma, x + sigma});
-      csv += line("reading", r.channel, group.series, r.trial, record.load_newtons[i], x, sigma, none, none);
+      csv += units.row(line("reading", r.channel, group.series, r.trial, record.load_newtons[i], x, sigma, none, none),
+                       r.channel);
     }
     add_points(page, record, groups, group, rows, "xerrorbars", points[group.panel]);
     if (group.curve == nullptr) continue;
     Band band;
     for (size_t i = 0; i < group.curve->load.size(); ++i) {
-      const double load = group.curve->load[i], x = group.sign * group.curve->value.at(i) / kMillimetre;
-      const double se = group.curve->se.at(i) / kMillimetre, half = std::isfinite(se) ? k95 * se : 0;
+      const double load = group.curve->load[i], x = group.sign * group.curve->value.at(i) / unit;
+      const double se = group.curve->se.at(i) / unit, half = std::isfinite(se) ? k95 * se : 0;
       band.middle.push_back({x, load});
       band.lower.push_back({x - half, load});
       band.upper.push_back({x + half, load});
       shown[group.panel].insert(shown[group.panel].end(), {x - half, x + half});
       loads.push_back(load);
-      csv += line("curve", group.channel, group.series, none, load, x, se, x - half, x + half);
+      csv +=
+          units.row(line("curve", group.channel, group.series, none, load, x, se, x - half, x + half), group.channel);
     }
     add_band(page, group, band, curves[group.panel]);
   }
   for (size_t c = 0; c < groups.channels.size(); ++c) {
     curves[c].insert(curves[c].end(), points[c].begin(), points[c].end());
     const Box& box = grid.boxes[c];
-    page.panel(box, axis_over(shown[c], "displacement [mm]", tics_for(box), true),
+    const std::string label =
+        bracketed(channel_axis(record, groups.channels[c]).label, units.of(groups.channels[c]).label);
+    page.panel(box, axis_over(shown[c], label, tics_for(box), true),
                axis_over(loads, c % columns == 0 ? load_axis_label(record) : "", 6, true),
                panel_title(groups.channels[c]), curves[c]);
   }
-  return Drawing{{"force_displacement", "Force and displacement",
-                  "Every reading is a point at the magnitude of its displacement; the bars are one standard deviation "
-                  "to either side. The line is the fitted "
-                  "model, the band around it the 95 % interval of the curve (often thinner than the line). A good fit "
-                  "passes through the points within about two bars.",
-                  ""},
-                 csv,
-                 page};
+  return Drawing{
+      {"force_displacement", title,
+       fmt::format("Every reading is a point at the magnitude of its {}; the bars are one standard deviation "
+                   "to either side. The line is the fitted "
+                   "model, the band around it the 95 % interval of the curve (often thinner than the line). "
+                   "A good fit passes through the points within about two bars.",
+                   units.what()),
+       ""},
+      csv,
+      page};
 }
 
 std::optional<Drawing> effective_stiffness(const RunRecord& record) {
   if (!has_loads(record)) return std::nullopt;
-  const Groups groups = groups_of(record);
-  std::string csv =
+  const Groups groups = groups_of(record, Quantity::length);
+  StiffnessNumbers numbers;
+  numbers.csv =
       "kind,channel,series,trial,load_N,displacement_mm,stiffness_N_per_m,sigma_N_per_m,band_lower_N_per_m,"
       "band_upper_N_per_m\n";
-  const std::string none;
-  bool any_increment = false, any_plain = false, any_bound = false;
-
-  struct Rows {
-    std::map<size_t, std::vector<double>> points;
-    Band band;
-  };
-  std::vector<Rows> rows(groups.all.size());
-  std::vector<double> loads, centres, reach;
-  for (size_t g = 0; g < groups.all.size(); ++g) {
-    const Group& group = groups.all[g];
-    const Unloaded zero = unloaded_of(record, group);
-    (zero.available ? any_increment : any_plain) = true;
-    double work = 0, smallest = std::numeric_limits<double>::infinity();
-    for (const size_t i : group.readings) {
-      work += record.load_newtons[i] * (record.readings[i].measured - zero.measured);
-      if (record.load_newtons[i] != 0) smallest = std::min(smallest, std::abs(record.load_newtons[i]));
-    }
-    const double sign = work < 0 ? -1 : 1;
-    for (const size_t i : group.readings) {
-      const ReadingRecord& r = record.readings[i];
-      const double force = record.load_newtons[i], delta = sign * (r.measured - zero.measured);
-      if (force == 0 || delta == 0) continue;
-      const double k = force / delta;
-      const double sigma = std::abs(force) * std::hypot(r.sigma, zero.sigma) / (delta * delta);
-      rows[g].points[i] = {force, k, sigma};
-      loads.push_back(force);
-      centres.push_back(k);
-      reach.insert(reach.end(), {k - sigma, k + sigma});
-      csv += line("reading", r.channel, group.series, r.trial, force, delta / kMillimetre, k, sigma, none, none);
-    }
-    if (group.curve == nullptr) continue;
-    const CurveRecord& curve = *group.curve;
-    for (size_t i = 0; i < curve.load.size(); ++i) {
-      const double force = curve.load[i], delta = sign * (curve.value.at(i) - zero.predicted);
-      // Near zero load the quotient says nothing.
-      if (std::abs(force) < 0.5 * smallest || delta == 0) continue;
-      const double k = force / delta;
-      double se = curve.se.at(i);
-      if (zero.available && curve.increment_se.size() == curve.load.size()) {
-        se = curve.increment_se[i];
-      } else if (zero.available) {
-        se += zero.se;  // whatever their correlation, it is not more
-        any_bound = true;
-      }
-      const double half = std::isfinite(se) ? k95 * std::abs(force) * se / (delta * delta) : 0;
-      rows[g].band.middle.push_back({force, k});
-      rows[g].band.lower.push_back({force, k - half});
-      rows[g].band.upper.push_back({force, k + half});
-      loads.push_back(force);
-      centres.push_back(k);
-      reach.insert(reach.end(), {k - half, k + half});
-      csv += line("curve", group.channel, group.series, none, force, delta / kMillimetre, k, half / k95, k - half,
-                  k + half);
-    }
-  }
-  if (centres.empty()) return std::nullopt;
+  std::vector<Stiffness> rows;
+  for (const Group& group : groups.all) rows.push_back(stiffness_of(record, group, numbers));
+  const bool any_increment = std::ranges::any_of(rows, &Stiffness::increment);
+  const bool any_plain = !std::ranges::all_of(rows, &Stiffness::increment);
+  const bool any_bound = std::ranges::any_of(rows, &Stiffness::bound);
+  if (numbers.centres.empty()) return std::nullopt;
 
   std::vector<LegendEntry> legend = legend_of(groups, {{LegendEntry::bar_along_y, "± 1 σ, propagated"},
                                                        {LegendEntry::heading, "Fitted model"},
@@ -359,55 +410,36 @@ std::optional<Drawing> effective_stiffness(const RunRecord& record) {
   page.legend(grid.legend_left, grid.legend_top, legend);
 
   // One common axis; a long bar of one poor reading does not squeeze the rest.
-  const auto [low, high] = std::ranges::minmax(centres);
+  const auto [low, high] = std::ranges::minmax(numbers.centres);
   const double room = std::max(0.5 * (high - low), 0.02 * std::max(std::abs(low), std::abs(high)));
-  for (double& value : reach) value = std::clamp(value, low - room, high + room);
+  for (double& value : numbers.reach) value = std::clamp(value, low - room, high + room);
   const bool logarithmic = low > 0 && high / low > 8;
   const std::string label = std::string(increments ? "force / increment" : "force / displacement") + " [N/m]" +
                             (logarithmic ? ", logarithmic" : "");
-  for (double& value : reach) value = logarithmic ? std::clamp(value, low / 1.3, high * 1.3) : value;
+  for (double& value : numbers.reach) value = logarithmic ? std::clamp(value, low / 1.3, high * 1.3) : value;
   std::vector<std::vector<std::string>> points(groups.channels.size()), curves(groups.channels.size());
   for (size_t g = 0; g < groups.all.size(); ++g) {
     const size_t panel = groups.all[g].panel;
     add_points(page, record, groups, groups.all[g], rows[g].points, "yerrorbars", points[panel]);
     add_band(page, groups.all[g], rows[g].band, curves[panel]);
-    if (record.trend_degree < 1) continue;
-    std::vector<std::vector<double>> polynomial = trend(rows[g].points, record.trend_degree);
-    std::erase_if(polynomial, [&](const std::vector<double>& point) { return logarithmic && !(point[1] > 0); });
-    for (const std::vector<double>& point : polynomial) {
-      csv +=
-          line("trend", groups.all[g].channel, groups.all[g].series, none, point[0], none, point[1], none, none, none);
-    }
-    if (!polynomial.empty())
-      curves[panel].push_back(fmt::format("{} using 1:2 with lines lw 1.6 dt (6,4) lc rgb '{}'", page.data(polynomial),
-                                          groups.all[g].colour));
+    if (record.trend_degree > 0)
+      add_trend(page, groups.all[g], rows[g].points, record.trend_degree, logarithmic, numbers.csv, curves[panel]);
   }
   for (size_t c = 0; c < groups.channels.size(); ++c) {
     curves[c].insert(curves[c].end(), points[c].begin(), points[c].end());
     const Box& box = grid.boxes[c];
     const std::string shown = c % columns == 0 ? label : "";
-    page.panel(box, axis_over(loads, load_axis_label(record), tics_for(box), true),
-               logarithmic ? logarithmic_axis_over(reach, shown) : axis_over(reach, shown, 6, false),
+    page.panel(box, axis_over(numbers.loads, load_axis_label(record), tics_for(box), true),
+               logarithmic ? logarithmic_axis_over(numbers.reach, shown) : axis_over(numbers.reach, shown, 6, false),
                panel_title(groups.channels[c]), curves[c]);
   }
-  std::string caption =
-      "Secant stiffness of every reading: load divided by displacement, the bars being the standard deviation of the "
-      "reading carried over. A straight horizontal line would be a linear spring; a rising one stiffens under load.";
-  if (any_increment) {
-    caption += any_plain ? " Where readings at zero load exist, the displacement is the increment beyond their mean."
-                         : " The displacement is the increment beyond self-weight, that is beyond the mean reading at "
-                           "zero load.";
-  }
-  if (any_bound) caption += " The band of an increment is drawn at its largest possible width.";
-  if (record.trend_degree > 0)
-    caption +=
-        " Dashed: a polynomial through the readings of each series, weighted with their bars, without any model.";
-  if (!logarithmic) caption += " The vertical axis does not start at zero.";
-  return Drawing{{"effective_stiffness", "Effective stiffness", caption, ""}, csv, page};
+  const std::string caption =
+      stiffness_caption(any_increment, any_plain, any_bound, record.trend_degree > 0, logarithmic);
+  return Drawing{{"effective_stiffness", "Effective stiffness", caption, ""}, numbers.csv, page};
 }
 
 std::optional<Drawing> residuals(const RunRecord& record) {
-  if (record.readings.empty() || record.material_point || record.over_time) return std::nullopt;
+  if (record.readings.empty() || over_strain(record) || over_time(record)) return std::nullopt;
   const Groups groups = groups_of(record);
   const bool loads_known = has_loads(record);
   std::vector<LegendEntry> legend = legend_of(groups, {{LegendEntry::bar_along_y, "± 1 σ of a reading"}});
@@ -423,67 +455,70 @@ std::optional<Drawing> residuals(const RunRecord& record) {
   Page page(grid.width, grid.height, "What the fitted model misses", record.title, record.simulated);
   page.legend(grid.legend_left, grid.legend_top, legend);
 
-  std::string csv = "channel,series,trial,load_N,residual_mm,sigma_mm,normalised_residual\n";
+  const ReadingUnits units(record);
+  std::string csv = units.heads(fmt::format("channel,series,trial,load_N,{},{},normalised_residual\n",
+                                            units.column("residual"), units.column("sigma")));
   std::vector<std::vector<std::string>> above(count), below(count);
-  std::vector<std::vector<double>> millimetres(count);
-  std::vector<std::string> names(count);
+  std::vector<std::vector<double>> reach(count);
+  std::vector<std::string> names(count), unit_labels(count);
   std::vector<double> places, scaled = {-2.6, 2.6};
   for (size_t g = 0; g < groups.all.size(); ++g) {
     const Group& group = groups.all[g];
     const size_t panel = split ? g : group.panel;
     names[panel] = panel_title(group.channel);
     if (split) names[panel] = groups.channels.size() > 1 ? names[panel] + ", " + group.series : group.series;
-    std::map<size_t, std::vector<double>> lengths, ratios;
+    const WrittenUnit& unit = units.of(group.channel);
+    unit_labels[panel] = unit.label;
+    std::map<size_t, std::vector<double>> misses, ratios;
     for (const size_t i : group.readings) {
       const ReadingRecord& r = record.readings[i];
       const double place = loads_known ? record.load_newtons[i] : static_cast<double>(i + 1);
       const double residual = r.measured - r.predicted;
-      lengths[i] = {place, residual / kMillimetre, r.sigma / kMillimetre};
+      misses[i] = {place, residual / unit.factor, r.sigma / unit.factor};
       ratios[i] = {place, residual / r.sigma, 1};
       places.push_back(place);
       scaled.insert(scaled.end(), {residual / r.sigma - 1, residual / r.sigma + 1});
-      millimetres[panel].insert(millimetres[panel].end(),
-                                {(residual - r.sigma) / kMillimetre, (residual + r.sigma) / kMillimetre});
-      csv += line(r.channel, group.series, r.trial,
-                  loads_known ? record.load_newtons[i] : std::numeric_limits<double>::quiet_NaN(),
-                  residual / kMillimetre, r.sigma / kMillimetre, residual / r.sigma);
+      reach[panel].insert(reach[panel].end(), {(residual - r.sigma) / unit.factor, (residual + r.sigma) / unit.factor});
+      csv += units.row(line(r.channel, group.series, r.trial,
+                            loads_known ? record.load_newtons[i] : std::numeric_limits<double>::quiet_NaN(),
+                            residual / unit.factor, r.sigma / unit.factor, residual / r.sigma),
+                       r.channel);
     }
-    add_points(page, record, groups, group, lengths, "yerrorbars", above[panel]);
+    add_points(page, record, groups, group, misses, "yerrorbars", above[panel]);
     add_points(page, record, groups, group, ratios, "yerrorbars", below[panel]);
   }
   // Panels of like size share their scale, so that they can be compared at a glance.
   double smallest = std::numeric_limits<double>::infinity(), largest = 0;
   std::vector<double> together;
-  for (const std::vector<double>& values : millimetres) {
+  for (const std::vector<double>& values : reach) {
     double size = 0;
     for (const double value : values) size = std::max(size, std::abs(value));
     smallest = std::min(smallest, size);
     largest = std::max(largest, size);
     together.insert(together.end(), values.begin(), values.end());
   }
-  const bool common = largest < 5 * smallest;
+  const bool common = units.common() && largest < 5 * smallest;
   const std::string x_label = loads_known ? load_axis_label(record) : "reading";
-  const std::string zero_line =
-      fmt::format("set arrow from graph 0, first 0 to graph 1, first 0 nohead lw 1.5 lc rgb '{}'\n", kBlack);
-  const std::string expected = fmt::format(
-      "set object rectangle from graph 0, first -2 to graph 1, first 2 behind fs transparent solid 0.18 "
-      "noborder fc rgb '{}'\n",
-      kGrey);
   for (size_t c = 0; c < count; ++c) {
     const size_t upper = (c / columns) * 2 * columns + c % columns, lower = upper + columns;
     const bool first = c % columns == 0;
     const Box& box = grid.boxes[upper];
     page.panel(box, axis_over(places, x_label, tics_for(box), true),
-               axis_over(common ? together : millimetres[c], first ? "measured − fitted [mm]" : "", 5, true), names[c],
-               above[c], zero_line);
+               axis_over(common ? together : reach[c],
+                         first || !units.common() ? bracketed("measured − fitted", unit_labels[c]) : "", 5, true),
+               names[c], above[c], zero_line());
     page.panel(grid.boxes[lower], axis_over(places, x_label, tics_for(box), true),
                axis_over(scaled, first ? "(measured − fitted) / σ" : "", 6, true), names[c], below[c],
-               expected + zero_line);
+               expected_band() + zero_line());
   }
   return Drawing{
       {"residuals", "What the fitted model misses",
-       "Above in millimetres, below in standard deviations of the reading. If the model and the declared "
-       "standard deviations are right, about 95 % of the points below lie in the grey band, without a trend.",
+       fmt::format("Above in {}, below in standard deviations of the reading. If the model and the declared "
+                   "standard deviations are right, about 95 % of the points below lie in the grey band, without a "
+                   "trend.",
+                   !units.common()                 ? "the units of the readings"
+                   : units.common()->label == "mm" ? "millimetres"
+                                                   : units.common()->label),
        ""},
       csv,
       page};

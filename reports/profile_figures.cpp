@@ -5,15 +5,14 @@
 #include <limits>
 
 #include "reports/diagnostic.hpp"
-#include "reports/figures.hpp"
+#include "reports/run_sections.hpp"
 #include "sim/core/units.hpp"
 
 namespace taut::plot {
 namespace {
 
-constexpr double k95 = 1.959963984540054;  // 97.5 % quantile of the normal distribution
-constexpr double kRise = k95 * k95;        // of chi squared at the ends of a 95 % interval
-constexpr double kHighest = 8;             // rise that is drawn; points above are in the CSV only
+constexpr double kRise = k95 * k95;  // of chi squared at the ends of a 95 % interval
+constexpr double kHighest = 8;       // rise that is drawn; points above are in the CSV only
 
 using Points = std::vector<std::pair<double, double>>;  // value, rise of chi squared
 
@@ -64,18 +63,98 @@ std::string open_end(const ParameterEstimate& estimate, const Points& points, bo
   return side + fmt::format("rises by {:.2g} only as far as {}, and no farther could be searched.", rise, place);
 }
 
-bool is_pure(const DisplayUnit& unit) {
-  return unit.name.empty() || unit.name == "1";
-}
-
 /// "1.88 to 13.1 GPa", "1.88 GPa to open".
 std::string interval_of(const ParameterEstimate& estimate, const DisplayUnit& unit) {
-  const std::string name = is_pure(unit) ? "" : " " + unit.name;
+  const std::string name = unit.name.empty() || unit.name == "1" ? "" : " " + unit.name;
   const auto text = [&](const std::optional<double>& end, bool with_name) {
     return end ? fmt::format("{:.4g}{}", *end / unit.factor, with_name ? name : "") : "open";
   };
   if (!estimate.lower95 && !estimate.upper95) return "open on both sides";
   return text(estimate.lower95, !estimate.upper95) + " to " + text(estimate.upper95, true);
+}
+
+std::string profile_csv(const ParameterEstimate& estimate, const Points& points) {
+  const std::string &id = estimate.spec.id, &si = estimate.spec.unit;
+  std::string csv;
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  csv += line(id, si, std::string("value"), estimate.value, 0.0);
+  csv += line(id, si, std::string("lower95"), estimate.lower95.value_or(nan), estimate.lower95 ? kRise : nan);
+  csv += line(id, si, std::string("upper95"), estimate.upper95.value_or(nan), estimate.upper95 ? kRise : nan);
+  for (const auto& [value, rise] : points) csv += line(id, si, std::string("point"), value, rise);
+  return csv;
+}
+
+Axis profile_axis(const std::vector<double>& shown, const std::string& name, bool logarithmic) {
+  const Axis linear = axis_over(shown, name, 5, false);
+  if (!logarithmic) return linear;
+  Axis x = logarithmic_axis_over(shown, name + ", logarithmic");
+  const auto [low, high] = std::ranges::minmax(shown);
+  const double room = std::pow(high / low, 0.06);
+  x.low = low / room;
+  x.high = high * room;
+  x.step = linear.step;
+  return x;
+}
+
+/// The interval as an area, to the edge of the panel where it is open, and the rise of chi squared at its ends.
+std::string interval_marks(const ParameterEstimate& estimate, const DisplayUnit& unit) {
+  const auto edge = [&](const std::optional<double>& end, int open) {
+    return end ? fmt::format("first {:.10g}", *end / unit.factor) : fmt::format("graph {}", open);
+  };
+  std::string extra = fmt::format(
+      "set object rectangle from {}, graph 0 to {}, graph 1 behind fs transparent solid 0.14 noborder fc rgb '{}'\n",
+      edge(estimate.lower95, 0), edge(estimate.upper95, 1), colour(0));
+  extra += fmt::format(
+      "set arrow from graph 0, first {0:.10g} to graph 1, first {0:.10g} nohead lw 1.5 dt (6,4) lc rgb '{1}'\n", kRise,
+      colour(1));
+  extra +=
+      fmt::format("set label '{:.2f}' at first {:.10g}, first {:.10g} center offset 0,0.6 font ',11' tc rgb '{}'\n",
+                  kRise, estimate.value / unit.factor, kRise, colour(1));
+  for (const bool upper : {false, true}) {
+    if (upper ? estimate.upper95.has_value() : estimate.lower95.has_value()) continue;
+    extra += fmt::format(
+        "set arrow from graph {}, graph 0.93 to graph {}, graph 0.93 head filled size screen {:.5f},18 lw 2.5 lc rgb "
+        "'{}'\n",
+        upper ? 0.86 : 0.14, upper ? 0.99 : 0.01, 10 / kPageWidth, colour(1));
+    extra += fmt::format("set label 'open' at graph {}, graph 0.93 {} font ',12' tc rgb '{}'\n", upper ? 0.84 : 0.16,
+                         upper ? "right" : "left", colour(1));
+  }
+  return extra;
+}
+
+/// A panel of one profile; the `first` of a row names its upright axis.
+void add_profile(Page& page, const Box& box, const ParameterEstimate& estimate, const Points& points, bool first) {
+  const DisplayUnit unit = display_unit(estimate.value, estimate.spec.unit);
+  const bool logarithmic = estimate.spec.logarithmic && points.front().first > 0;
+  Points met = points;  // and the ends of the interval, which may lie a little beyond the last point
+  if (estimate.lower95 && *estimate.lower95 < met.front().first) met.insert(met.begin(), {*estimate.lower95, kRise});
+  if (estimate.upper95 && *estimate.upper95 > met.back().first) met.emplace_back(*estimate.upper95, kRise);
+  std::vector<std::vector<double>> curve = joined(met, estimate.value, logarithmic), marks;
+  for (std::vector<double>& point : curve) point[0] /= unit.factor;
+  std::vector<double> shown = {estimate.value / unit.factor};
+  double highest = 1.3 * kRise;
+  for (const auto& [value, rise] : points) {
+    if (value == estimate.value || rise > kHighest) continue;
+    marks.push_back({value / unit.factor, rise});
+    shown.push_back(value / unit.factor);
+    highest = std::max(highest, 1.06 * rise);
+  }
+  for (const std::optional<double>& end : {estimate.lower95, estimate.upper95}) {
+    if (end) shown.push_back(*end / unit.factor);
+  }
+  const std::string name = bracketed(estimate.spec.id, unit.name);
+  const Axis x = profile_axis(shown, name, logarithmic);
+  const Axis y{first ? "rise of chi squared" : "", 0, highest, highest > 6 ? 2.0 : 1.0};
+
+  std::vector<std::string> plots = {
+      fmt::format("{} using 1:2 with lines lw 2 lc rgb '{}'", page.data(curve), colour(0))};
+  if (!marks.empty()) {
+    plots.push_back(
+        fmt::format("{} using 1:2 with points pt 6 ps 0.9 lw 1.4 lc rgb '{}'", page.data(marks), colour(0)));
+  }
+  plots.push_back(fmt::format("{} using 1:2 with points pt 7 ps 1.2 lc rgb '{}'",
+                              page.data({{estimate.value / unit.factor, 0}}), colour(0)));
+  page.panel(box, x, y, estimate.spec.id + ": " + interval_of(estimate, unit), plots, interval_marks(estimate, unit));
 }
 
 std::string label_of(const DiagnosticRecord& part) {
@@ -118,79 +197,13 @@ std::optional<Drawing> profiles(const RunRecord& record) {
   for (size_t p = 0; p < panels.size(); ++p) {
     const ParameterEstimate& estimate = *panels[p].estimate;
     const Points& points = panels[p].points;
-    const std::string &id = estimate.spec.id, &si = estimate.spec.unit;
-    const double nan = std::numeric_limits<double>::quiet_NaN();
-    csv += line(id, si, std::string("value"), estimate.value, 0.0);
-    csv += line(id, si, std::string("lower95"), estimate.lower95.value_or(nan), estimate.lower95 ? kRise : nan);
-    csv += line(id, si, std::string("upper95"), estimate.upper95.value_or(nan), estimate.upper95 ? kRise : nan);
-    for (const auto& [value, rise] : points) csv += line(id, si, std::string("point"), value, rise);
+    csv += profile_csv(estimate, points);
     if (!estimate.lower95) open_ends += open_end(estimate, points, false);
     if (!estimate.upper95) open_ends += open_end(estimate, points, true);
 
-    const DisplayUnit unit = display_unit(estimate.value, si);
-    const bool logarithmic = estimate.spec.logarithmic && points.front().first > 0;
-    Points met = points;  // and the ends of the interval, which may lie a little beyond the last point
-    if (estimate.lower95 && *estimate.lower95 < met.front().first) met.insert(met.begin(), {*estimate.lower95, kRise});
-    if (estimate.upper95 && *estimate.upper95 > met.back().first) met.emplace_back(*estimate.upper95, kRise);
-    std::vector<std::vector<double>> curve = joined(met, estimate.value, logarithmic), marks;
-    for (std::vector<double>& point : curve) point[0] /= unit.factor;
-    std::vector<double> shown = {estimate.value / unit.factor};
-    double highest = 1.3 * kRise;
-    for (const auto& [value, rise] : points) {
-      if (value == estimate.value || rise > kHighest) continue;
-      marks.push_back({value / unit.factor, rise});
-      shown.push_back(value / unit.factor);
-      highest = std::max(highest, 1.06 * rise);
-    }
-    for (const std::optional<double>& end : {estimate.lower95, estimate.upper95}) {
-      if (end) shown.push_back(*end / unit.factor);
-    }
-    const std::string name = id + (is_pure(unit) ? "" : " [" + unit.name + "]");
-    const Axis linear = axis_over(shown, name, 5, false);
-    Axis x = linear;
-    if (logarithmic) {
-      x = logarithmic_axis_over(shown, name + ", logarithmic");
-      const auto [low, high] = std::ranges::minmax(shown);
-      const double room = std::pow(high / low, 0.06);
-      x.low = low / room;
-      x.high = high * room;
-      x.step = linear.step;
-    }
-    const Axis y{p % columns == 0 ? "rise of chi squared" : "", 0, highest, highest > 6 ? 2.0 : 1.0};
-
-    // Shaded as far as the interval reaches, to the edge of the panel where it is open.
-    const auto edge = [&](const std::optional<double>& end, int open) {
-      return end ? fmt::format("first {:.10g}", *end / unit.factor) : fmt::format("graph {}", open);
-    };
-    std::string extra = fmt::format(
-        "set object rectangle from {}, graph 0 to {}, graph 1 behind fs transparent solid 0.14 noborder fc rgb '{}'\n",
-        edge(estimate.lower95, 0), edge(estimate.upper95, 1), colour(0));
-    extra += fmt::format(
-        "set arrow from graph 0, first {0:.10g} to graph 1, first {0:.10g} nohead lw 1.5 dt (6,4) lc rgb '{1}'\n",
-        kRise, colour(1));
-    extra +=
-        fmt::format("set label '{:.2f}' at first {:.10g}, first {:.10g} center offset 0,0.6 font ',11' tc rgb '{}'\n",
-                    kRise, estimate.value / unit.factor, kRise, colour(1));
-    for (const bool upper : {false, true}) {
-      if (upper ? estimate.upper95.has_value() : estimate.lower95.has_value()) continue;
-      extra += fmt::format(
-          "set arrow from graph {}, graph 0.93 to graph {}, graph 0.93 head filled size screen {:.5f},18 lw 2.5 lc rgb "
-          "'{}'\n",
-          upper ? 0.86 : 0.14, upper ? 0.99 : 0.01, 10 / kPageWidth, colour(1));
-      extra += fmt::format("set label 'open' at graph {}, graph 0.93 {} font ',12' tc rgb '{}'\n", upper ? 0.84 : 0.16,
-                           upper ? "right" : "left", colour(1));
-    }
-    std::vector<std::string> plots = {
-        fmt::format("{} using 1:2 with lines lw 2 lc rgb '{}'", page.data(curve), colour(0))};
-    if (!marks.empty()) {
-      plots.push_back(
-          fmt::format("{} using 1:2 with points pt 6 ps 0.9 lw 1.4 lc rgb '{}'", page.data(marks), colour(0)));
-    }
-    plots.push_back(fmt::format("{} using 1:2 with points pt 7 ps 1.2 lc rgb '{}'",
-                                page.data({{estimate.value / unit.factor, 0}}), colour(0)));
     const double from = left + static_cast<double>(p % columns) * (across + gap);
     const double top = height - kTitle - above - static_cast<double>(p / columns) * (above + tall + below);
-    page.panel({from, top - tall, from + across, top}, x, y, id + ": " + interval_of(estimate, unit), plots, extra);
+    add_profile(page, {from, top - tall, from + across, top}, estimate, points, p % columns == 0);
   }
   return Drawing{
       {"profiles", "How well the readings know each parameter",
@@ -270,7 +283,7 @@ std::optional<Drawing> diagnostic(const RunRecord& record) {
       plots.push_back(
           fmt::format("{} using 1:2:3 with xerrorbars pt 6 ps 1.1 lw 2 lc rgb '{}'", page.data(points), colour(0)));
     }
-    const std::string name = whole.spec.id + (is_pure(unit) ? "" : " [" + unit.name + "]");
+    const std::string name = bracketed(whole.spec.id, unit.name);
     page.panel({left, top - tall, legend_left - 24, top}, axis_over(shown, name, 6, false),
                {"", 0.4, static_cast<double>(group.parts.size()) + 0.6, 1}, "", plots, extra);
     top -= tall + below + above;

@@ -3,24 +3,20 @@
 #include <algorithm>
 #include <cmath>
 
-#include "reports/figures.hpp"
+#include "reports/run_sections.hpp"
 
 namespace taut::plot {
 namespace {
 
-void add_once(std::vector<std::string>& list, const std::string& text) {
-  if (std::ranges::find(list, text) == list.end()) list.push_back(text);
-}
+/// What a pair of panels shows: the channels of one unit in one recording. Above the motion, below what the model
+/// misses.
+struct Motion {
+  std::vector<std::string> above, below;  ///< plots
+  std::vector<double> values;             ///< shown above
+  double sigma = 0;                       ///< the largest
+};
 
-}  // namespace
-
-std::optional<Drawing> recordings(const RunRecord& record) {
-  if (!record.over_time || record.readings.empty()) return std::nullopt;
-  std::vector<std::string> names, channels;
-  for (size_t i = 0; i < record.readings.size(); ++i) {
-    add_once(names, record.series.at(i));
-    add_once(channels, record.readings[i].channel);
-  }
+std::vector<LegendEntry> recordings_legend(const std::vector<std::string>& channels) {
   std::vector<LegendEntry> legend = {{LegendEntry::heading, "Measured, simulated"}};
   for (size_t c = 0; c < channels.size(); ++c) {
     legend.push_back({LegendEntry::point, shortened(channels[c], 20), colour(c), symbol(c)});
@@ -29,73 +25,109 @@ std::optional<Drawing> recordings(const RunRecord& record) {
   legend.push_back({LegendEntry::heading, "Below"});
   legend.push_back({LegendEntry::text, "measured − simulated"});
   legend.push_back({LegendEntry::band, "± 1 σ of a reading"});
+  return legend;
+}
 
+/// Of the channels that have `unit`; their numbers go to `csv`.
+Motion motion_of(Page& page, const RunRecord& record, const ReadingUnits& units, const std::string& name,
+                 const std::vector<std::string>& channels, const WrittenUnit& unit, std::string& csv) {
+  const std::string none;
+  Motion motion;
+  for (const CurveRecord& curve : record.curves) {
+    if (curve.series != name || units.of(curve.channel) != unit) continue;
+    std::vector<std::vector<double>> points;
+    for (size_t i = 0; i < curve.load.size(); ++i) {
+      const double value = curve.value[i] / unit.factor;
+      points.push_back({curve.load[i], value});
+      motion.values.push_back(value);
+      csv += units.row(line("curve", name, curve.channel, curve.load[i], value, none, none), curve.channel);
+    }
+    const size_t c = static_cast<size_t>(std::ranges::find(channels, curve.channel) - channels.begin());
+    motion.above.push_back(fmt::format("{} using 1:2 with lines lw 1.6 lc rgb '{}'", page.data(points), colour(c)));
+  }
+  for (size_t c = 0; c < channels.size(); ++c) {
+    if (units.of(channels[c]) != unit) continue;
+    std::vector<std::vector<double>> points;
+    for (size_t i = 0; i < record.readings.size(); ++i) {
+      const ReadingRecord& r = record.readings[i];
+      if (record.series[i] != name || r.channel != channels[c]) continue;
+      const double value = r.measured / unit.factor, sigma = r.sigma / unit.factor;
+      const double residual = (r.measured - r.predicted) / unit.factor;
+      points.push_back({r.controls[0], value, residual});
+      motion.values.push_back(value);
+      motion.sigma = std::max(motion.sigma, sigma);
+      csv += units.row(line("reading", name, r.channel, r.controls[0], value, sigma, residual), r.channel);
+    }
+    const std::string block = page.data(points);
+    motion.above.push_back(
+        fmt::format("{} using 1:2 with points pt {} ps 0.7 lw 1.2 lc rgb '{}'", block, symbol(c), colour(c)));
+    motion.below.push_back(
+        fmt::format("{} using 1:3 with linespoints pt {} ps 0.5 lw 1 lc rgb '{}'", block, symbol(c), colour(c)));
+  }
+  return motion;
+}
+
+/// What the model misses in the readings of this unit, and their sigmas to either side: one scale for all recordings.
+std::vector<double> misses_of(const RunRecord& record, const ReadingUnits& units, const WrittenUnit& unit) {
+  std::vector<double> misses;
+  for (const ReadingRecord& r : record.readings) {
+    if (units.of(r.channel) != unit) continue;
+    for (double miss : {r.measured - r.predicted, r.sigma, -r.sigma}) misses.push_back(miss / unit.factor);
+  }
+  return misses;
+}
+
+}  // namespace
+
+std::optional<Drawing> recordings(const RunRecord& record) {
+  if (!over_time(record) || record.readings.empty()) return std::nullopt;
+  const ReadingUnits units(record);
+  std::vector<std::string> names, channels;
+  std::vector<double> times;
+  std::vector<WrittenUnit> kinds;  // of channels: each has its own panels
+  std::vector<std::string> labels;
+  for (size_t i = 0; i < record.readings.size(); ++i) {
+    const ReadingRecord& reading = record.readings[i];
+    place_in(names, record.series.at(i));
+    place_in(channels, reading.channel);
+    times.push_back(reading.controls.at(0));
+    if (std::ranges::find(kinds, units.of(reading.channel)) != kinds.end()) continue;
+    kinds.push_back(units.of(reading.channel));
+    labels.push_back(channel_axis(record, reading.channel).label);
+  }
+  const size_t panels = names.size() * kinds.size();
+  const std::vector<LegendEntry> legend = recordings_legend(channels);
   constexpr double left = 70, gap = 62, below = 34, above = 30, tall = 170, low = 78, between = 14;
-  const size_t columns = std::min<size_t>(2, names.size()), rows = (names.size() + columns - 1) / columns;
+  constexpr double each = above + tall + between + low + below;
+  const size_t columns = std::min<size_t>(2, panels), rows = (panels + columns - 1) / columns;
   const double legend_left = kPageWidth - legend_width(legend, 180) - 8;
   const double across =
       (legend_left - 20 - left - gap * static_cast<double>(columns - 1)) / static_cast<double>(columns);
-  const double height = kTitle + static_cast<double>(rows) * (above + tall + between + low + below) + 22;
+  const double height = kTitle + static_cast<double>(rows) * each + 22;
   Page page(kPageWidth, height, "Recordings", record.title, record.simulated);
   page.legend(legend_left, height - kTitle - above - 6, legend);
 
-  // One scale of time, and one of residuals, for all.
-  std::vector<double> times, misses;
-  for (const ReadingRecord& r : record.readings) {
-    times.push_back(r.controls.at(0));
-    for (double miss : {(r.measured - r.predicted) / kMillimetre, r.sigma / kMillimetre, -r.sigma / kMillimetre})
-      misses.push_back(miss);
-  }
-  std::string csv = "kind,recording,channel,time_s,displacement_mm,sigma_mm,residual_mm\n";
-  const std::string none;
-  for (size_t n = 0; n < names.size(); ++n) {
-    const size_t row = n / columns, column = n % columns;
-    std::vector<std::string> upper_plots, lower_plots;
-    std::vector<double> values;
-    double sigma = 0;
-    for (const CurveRecord& curve : record.curves) {
-      if (curve.series != names[n]) continue;
-      const size_t c = static_cast<size_t>(std::ranges::find(channels, curve.channel) - channels.begin());
-      std::vector<std::vector<double>> points;
-      for (size_t i = 0; i < curve.load.size(); ++i) {
-        points.push_back({curve.load[i], curve.value[i] / kMillimetre});
-        values.push_back(points.back()[1]);
-        csv += line("curve", names[n], curve.channel, curve.load[i], curve.value[i] / kMillimetre, none, none);
-      }
-      upper_plots.push_back(fmt::format("{} using 1:2 with lines lw 1.6 lc rgb '{}'", page.data(points), colour(c)));
-    }
-    for (size_t c = 0; c < channels.size(); ++c) {
-      std::vector<std::vector<double>> points;
-      for (size_t i = 0; i < record.readings.size(); ++i) {
-        const ReadingRecord& r = record.readings[i];
-        if (record.series[i] != names[n] || r.channel != channels[c]) continue;
-        const double residual = (r.measured - r.predicted) / kMillimetre;
-        points.push_back({r.controls[0], r.measured / kMillimetre, residual});
-        values.push_back(points.back()[1]);
-        sigma = std::max(sigma, r.sigma / kMillimetre);
-        csv += line("reading", names[n], r.channel, r.controls[0], r.measured / kMillimetre, r.sigma / kMillimetre,
-                    residual);
-      }
-      const std::string block = page.data(points);
-      upper_plots.push_back(
-          fmt::format("{} using 1:2 with points pt {} ps 0.7 lw 1.2 lc rgb '{}'", block, symbol(c), colour(c)));
-      lower_plots.push_back(
-          fmt::format("{} using 1:3 with linespoints pt {} ps 0.5 lw 1 lc rgb '{}'", block, symbol(c), colour(c)));
-    }
-    const double x = left + static_cast<double>(column) * (across + gap);
-    const double top = height - kTitle - above - static_cast<double>(row) * (above + tall + between + low + below);
+  std::string csv = units.heads(fmt::format("kind,recording,channel,time_s,{},{},{}\n", units.column(units.what()),
+                                            units.column("sigma"), units.column("residual")));
+  for (size_t n = 0; n < panels; ++n) {
+    const std::string& name = names[n / kinds.size()];
+    const size_t kind = n % kinds.size();
+    const WrittenUnit& unit = kinds[kind];
+    const Motion motion = motion_of(page, record, units, name, channels, unit, csv);
+    const bool first = n % columns == 0 || kinds.size() > 1, last = n + columns >= panels;
+    const double x = left + static_cast<double>(n % columns) * (across + gap);
+    const double top = height - kTitle - above - static_cast<double>(n / columns) * each;
     const Box upper{x, top - tall, x + across, top};
     const Box lower{x, upper.bottom - between - low, x + across, upper.bottom - between};
-    const bool last = n + columns >= names.size();
-    const std::string y_label = column == 0 ? "displacement [mm]" : "";
-    page.panel(upper, axis_over(times, "", 5, false), axis_over(values, y_label, 5, false), names[n], upper_plots,
+    page.panel(upper, axis_over(times, "", 5, false),
+               axis_over(motion.values, first ? bracketed(labels[kind], unit.label) : "", 5, false), name, motion.above,
                "set format x ''\n");
     page.panel(
         lower, axis_over(times, last ? "time [s]" : "", 5, false),
-        axis_over(misses, column == 0 ? "[mm]" : "", 3, false), "", lower_plots,
+        axis_over(misses_of(record, units, unit), first ? bracketed("", unit.label) : "", 3, false), "", motion.below,
         fmt::format("set format x '%g'\nset object rectangle from graph 0, first {:.6g} to graph 1, first {:.6g} "
                     "behind fs transparent solid 0.18 noborder fc rgb '{}'\n",
-                    -sigma, sigma, kGrey));
+                    -motion.sigma, motion.sigma, kGrey));
   }
   return Drawing{
       {"recordings", "Recordings",

@@ -14,14 +14,15 @@ struct Figure {
   std::string svg;      ///< the SVG text, for inlining
 };
 
-/// Draws all figures of a run into `folder`/figures. Needs gnuplot, no display. A missing or failing gnuplot throws
-/// InputError with the remedy. Simulated data say so in every title.
-std::vector<Figure> draw_figures(const RunRecord& record, const std::string& folder);
+/// The page of a run without its figures.
+std::string report_html(const RunRecord& record);
 
-/// report.html: one self-contained file, figures inline, nothing loaded from anywhere.
-std::string report_html(const RunRecord& record, const std::vector<Figure>& figures);
+/// Draws all figures of a run into `folder`/figures, writes report.html (one self-contained file, figures inline,
+/// nothing loaded from anywhere) and returns the figures. Needs gnuplot, no display. A missing or failing gnuplot
+/// throws InputError with the remedy. Simulated data say so in every title.
+std::vector<Figure> write_report(const RunRecord& record, const std::string& folder);
 
-/// predictions.csv: one line per reading, SI units in the header.
+/// predictions.csv: one line per reading, SI units in the header, or in a last column where channels differ.
 std::string predictions_csv(const RunRecord& record);
 
 /// Everything a run folder holds, from the record alone: fit.json, predictions.csv, figures/, report.html.

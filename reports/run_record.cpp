@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
+#include "reports/axes.hpp"
 #include "sim/core/error.hpp"
 
 namespace taut {
@@ -47,6 +48,13 @@ Json pairs(const std::vector<std::pair<std::string, std::string>>& list, const c
   Json all = Json::array();
   for (const auto& [a, b] : list) all.push_back(Json{{first, a}, {second, b}});
   return all;
+}
+
+Json axes_json(const std::vector<AxisRecord>& axes) {
+  Json list = Json::array();
+  for (const AxisRecord& axis : axes)
+    list.push_back(Json{{"id", axis.id}, {"quantity", axis.quantity}, {"unit", axis.unit}, {"label", axis.label}});
+  return list;
 }
 
 Json parameter_json(const ParameterEstimate& estimate) {
@@ -141,7 +149,7 @@ Json readings_json(const RunRecord& record) {
 
 /// What curves run over.
 const char* load_key(const RunRecord& record) {
-  return record.material_point ? "strain" : record.over_time ? "time_s" : "load_N";
+  return over_strain(record) ? "strain" : over_time(record) ? "time_s" : "load_N";
 }
 
 Json curves_json(const RunRecord& record) {
@@ -192,11 +200,14 @@ Json shapes_json(const RunRecord& record) {
 }
 
 Json provenance_json(const Provenance& provenance) {
+  Json inputs = Json::array();
+  for (const InputRecord& input : provenance.inputs)
+    inputs.push_back({{"path", input.path}, {"copy", input.copy}, {"sha256", input.sha256}});
   return {{"version", provenance.version},
           {"commit", provenance.commit},
           {"command_line", provenance.command_line},
           {"libraries", pairs(provenance.libraries, "name", "version")},
-          {"inputs", pairs(provenance.inputs, "path", "sha256")},
+          {"inputs", inputs},
           {"started", provenance.started},
           {"machine", provenance.machine},
           {"seed", provenance.seed}};
@@ -318,13 +329,13 @@ class Entry {
     return values;
   }
 
-  /// The one of `candidates` whose name_of() is this text.
+  /// The value whose name_of() is this text; names of values that do not exist are empty.
   template <class Enum>
-  Enum one_of(const std::vector<Enum>& candidates) const {
+  Enum one_of() const {
     std::vector<std::string> names;
-    for (const Enum candidate : candidates) {
-      if (json_.is_string() && name_of(candidate) == json_.get<std::string>()) return candidate;
-      names.emplace_back(name_of(candidate));
+    for (int i = 0; !name_of(static_cast<Enum>(i)).empty(); ++i) {
+      names.emplace_back(name_of(static_cast<Enum>(i)));
+      if (json_.is_string() && json_.get<std::string>() == names.back()) return static_cast<Enum>(i);
     }
     wrong("one of: " + join(names));
   }
@@ -361,9 +372,7 @@ ParameterEstimate read_parameter(const Entry& entry, const Entry& scale) {
   estimate.upper95 = entry.at("interval95").at(1, 2).optional();
   for (const Entry& point : entry.at("profile").list())
     estimate.profile.emplace_back(point.at(0, 2).number(), point.at(1, 2).number());
-  estimate.verdict = entry.at("verdict").one_of<Verdict>({Verdict::well_determined, Verdict::weakly_determined,
-                                                          Verdict::bounded_from_one_side, Verdict::tied,
-                                                          Verdict::invisible, Verdict::unknown});
+  estimate.verdict = entry.at("verdict").one_of<Verdict>();
   estimate.explanation = entry.at("explanation").text();
   estimate.start = entry.at("start").number();
   estimate.lower = entry.at("bounds").at(0, 2).number(-kInfinity);
@@ -373,8 +382,7 @@ ParameterEstimate read_parameter(const Entry& entry, const Entry& scale) {
 
 void read_fit(const Entry& root, RunRecord& record) {
   FitResult& result = record.fit;
-  result.status = root.at("status").one_of<FitStatus>(
-      {FitStatus::converged, FitStatus::not_converged, FitStatus::start_failed, FitStatus::interrupted});
+  result.status = root.at("status").one_of<FitStatus>();
   result.message = root.at("message").text();
   const Entry fit = root.at("fit");
   const std::vector<Entry> parameters = root.at("parameters").list();
@@ -427,6 +435,54 @@ void read_readings(const Entry& list, RunRecord& record) {
   }
 }
 
+std::vector<AxisRecord> read_axes(const Entry& list) {
+  std::vector<AxisRecord> axes;
+  for (const Entry& entry : list.list()) {
+    AxisRecord& axis = axes.emplace_back();
+    axis.id = entry.at("id").text();
+    axis.unit = entry.at("unit").text();
+    if (entry.has("quantity")) {
+      axis.quantity = entry.at("quantity").text();
+      axis.label = entry.at("label").text();
+    } else {  // older files have units only
+      try {
+        axis.quantity = name_of(quantity_of_si_unit(axis.unit));
+      } catch (const std::logic_error&) {
+        entry.at("unit").wrong("an SI unit");
+      }
+      axis.label = is(axis, Quantity::pure) ? "engineering strain" : axis.id;
+    }
+  }
+  return axes;
+}
+
+std::vector<std::string> named_channels(const RunRecord& record) {
+  std::vector<std::string> names;
+  const auto add = [&](const std::string& name) {
+    if (std::ranges::find(names, name) == names.end()) names.push_back(name);
+  };
+  for (const ReadingRecord& reading : record.readings) add(reading.channel);
+  for (const CurveRecord& curve : record.curves) add(curve.channel);
+  return names;
+}
+
+/// Older files measured nothing but stresses over a strain, and displacements.
+std::vector<AxisRecord> channels_of_older_files(const RunRecord& record) {
+  std::vector<AxisRecord> channels;
+  for (const std::string& name : named_channels(record)) {
+    channels.push_back(over_strain(record) ? make_axis(name, Quantity::pressure, "nominal stress")
+                                           : make_axis(name, Quantity::length, "displacement"));
+  }
+  return channels;
+}
+
+void check_channels(const Entry& root, const RunRecord& record) {
+  for (const std::string& name : named_channels(record)) {
+    if (std::ranges::find(record.channels, name, &AxisRecord::id) == record.channels.end())
+      root.at("channels").wrong(fmt::format("the channel '{}' of the readings and curves too", name));
+  }
+}
+
 std::vector<ShapeRecord::Line> read_lines(const Entry& list) {
   std::vector<ShapeRecord::Line> lines;
   for (const Entry& entry : list.list()) {
@@ -469,13 +525,29 @@ VariantRecord read_variant(const Entry& entry) {
   return variant;
 }
 
-Provenance read_provenance(const Entry& entry, const Entry& wall_seconds) {
+/// Files that were written before copies were named have the names beside them.
+std::vector<InputRecord> read_inputs(const Entry& list, const Entry& root) {
+  std::vector<InputRecord> inputs;
+  for (const Entry& entry : list.list())
+    inputs.push_back(
+        {entry.at("path").text(), entry.has("copy") ? entry.at("copy").text() : "", entry.at("sha256").text()});
+  if (!root.has("experiment_file")) return inputs;
+  std::vector<std::string> names{root.at("experiment_file").text()};
+  std::istringstream data(root.at("data_file").text());
+  for (std::string name; std::getline(data >> std::ws, name, ',');) names.push_back(name);
+  names.emplace_back("mesh.msh");
+  for (size_t i = 0; i < inputs.size() && i < names.size(); ++i) inputs[i].copy = names[i];
+  return inputs;
+}
+
+Provenance read_provenance(const Entry& root, const Entry& wall_seconds) {
+  const Entry entry = root.at("provenance");
   Provenance provenance;
   provenance.version = entry.at("version").text();
   provenance.commit = entry.at("commit").text();
   provenance.command_line = entry.at("command_line").text();
   provenance.libraries = entry.at("libraries").pairs("name", "version");
-  provenance.inputs = entry.at("inputs").pairs("path", "sha256");
+  provenance.inputs = read_inputs(entry.at("inputs"), root);
   provenance.started = entry.at("started").text();
   provenance.machine = entry.at("machine").text();
   provenance.seed = static_cast<unsigned>(entry.at("seed").integer());
@@ -489,17 +561,12 @@ RunRecord read_record(const Entry& root) {
   const std::string data = root.at("data").text();
   if (data != "measured" && data != "simulated") root.at("data").wrong("\"measured\" or \"simulated\"");
   record.simulated = data == "simulated";
-  const std::string kind = root.has("kind") ? root.at("kind").text() : "specimen";
-  record.material_point = kind == "material point";
-  record.over_time = kind == "recordings";
-  record.experiment_file = root.at("experiment_file").text();
-  record.data_file = root.at("data_file").text();
-  for (const auto& [id, unit] : root.at("controls").pairs("id", "unit")) {
-    record.control_ids.push_back(id);
-    record.control_units.push_back(unit);
-  }
+  record.interrupted = root.has("interrupted") && root.at("interrupted").flag();
+  record.controls = read_axes(root.at("controls"));
   record.load_label = root.at("load").at("label").text();
   record.load_control = root.at("load").at("control").integer();
+  if (record.load_control >= static_cast<int>(record.controls.size()))
+    root.at("load").at("control").wrong("the index of a control, or -1");
   read_fit(root, record);
   read_readings(root.at("readings"), record);
   for (const Entry& entry : root.at("curves").list()) {
@@ -507,6 +574,8 @@ RunRecord read_record(const Entry& root) {
                              entry.at(load_key(record)).numbers(), entry.at("value").numbers(),
                              entry.at("se").numbers(), entry.at("increment_se").numbers()});
   }
+  record.channels = root.has("channels") ? read_axes(root.at("channels")) : channels_of_older_files(record);
+  check_channels(root, record);
   for (const Entry& entry : root.at("shapes").list()) record.shapes.push_back(read_shape(entry));
   if (root.has("trend_degree")) record.trend_degree = root.at("trend_degree").integer();
   for (size_t i = 0; i < 2; ++i) record.shape_axes[i] = root.at("shape_axes").at(i, 2).text();
@@ -544,17 +613,13 @@ RunRecord read_record(const Entry& root) {
   record.replay_factorisations = timing.at("replay_factorisations").integer();
   record.fit.search = {timing.at("fit_seconds").number(), timing.at("fit_factorisations").integer()};
   record.fit.profiles = {timing.at("profile_seconds").number(), timing.at("profile_factorisations").integer()};
-  record.provenance = read_provenance(root.at("provenance"), timing.at("wall_seconds"));
+  record.provenance = read_provenance(root, timing.at("wall_seconds"));
   return record;
 }
 
 }  // namespace
 
 std::string to_json(const RunRecord& record) {
-  Json controls = Json::array();
-  for (size_t i = 0; i < record.control_ids.size(); ++i) {
-    controls.push_back(Json{{"id", record.control_ids[i]}, {"unit", record.control_units.at(i)}});
-  }
   Json variants = Json::array();
   for (const VariantRecord& variant : record.variants) variants.push_back(variant_json(variant));
   Json diagnostics = Json::array();
@@ -593,17 +658,17 @@ std::string to_json(const RunRecord& record) {
   const Json json = {{"schema", kSchema},
                      {"title", record.title},
                      {"data", record.simulated ? "simulated" : "measured"},
-                     {"kind", record.material_point ? "material point"
-                              : record.over_time    ? "recordings"
-                                                    : "specimen"},
+                     {"kind", over_strain(record) ? "material point"
+                              : over_time(record) ? "recordings"
+                                                  : "specimen"},
                      {"status", name_of(record.fit.status)},
                      {"message", record.fit.message},
                      {"parameters", parameters},
                      {"shares", shares},
                      {"fit", fit_json(record)},
-                     {"experiment_file", record.experiment_file},
-                     {"data_file", record.data_file},
-                     {"controls", controls},
+                     {"interrupted", record.interrupted},
+                     {"controls", axes_json(record.controls)},
+                     {"channels", axes_json(record.channels)},
                      {"load", {{"label", record.load_label}, {"control", record.load_control}}},
                      {"readings", readings_json(record)},
                      {"curves", curves_json(record)},

@@ -5,7 +5,7 @@
 #include <limits>
 #include <map>
 
-#include "reports/figures.hpp"
+#include "reports/run_sections.hpp"
 #include "sim/core/units.hpp"
 
 namespace taut::plot {
@@ -72,7 +72,7 @@ std::optional<Drawing> deformed_shapes(const RunRecord& record) {
 }
 
 std::optional<Drawing> variants(const RunRecord& record) {
-  if (record.material_point) return std::nullopt;
+  if (over_strain(record)) return std::nullopt;
   if (record.fit.parameters.empty() || (record.variants.empty() && record.references.empty())) return std::nullopt;
   struct Row {
     std::string kind, name;
@@ -152,8 +152,7 @@ std::optional<Drawing> variants(const RunRecord& record) {
     add("reference", " using 1:2 with points pt 13 ps 1.3", colour(1));
     add("variant", " using 1:2:3 with xerrorbars pt 6 ps 1.1 lw 2", colour(2));
     add("main", " using 1:2:3 with xerrorbars pt 7 ps 1.2 lw 2", colour(0));
-    const bool pure = unit.name.empty() || unit.name == "1";
-    const std::string name = estimate.spec.id + (pure ? "" : " [" + unit.name + "]");
+    const std::string name = bracketed(estimate.spec.id, unit.name);
     const auto [low, high] =
         shown.empty() ? std::pair(1.0, 1.0) : std::pair(std::ranges::min(shown), std::ranges::max(shown));
     const Axis x = low > 0 && high / low > 20 ? logarithmic_axis_over(shown, name) : axis_over(shown, name, 6, false);

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <map>
 
-#include "reports/figures.hpp"
+#include "reports/run_sections.hpp"
 
 namespace taut::plot {
 namespace {
@@ -84,13 +84,10 @@ std::optional<Drawing> shape_panels(const RunRecord& record) {
   const ShapeRecord* rest = nullptr;
   std::vector<double> xs, ys;
   bool cables = false;
-  const auto enter = [](std::vector<std::string>& list, const std::string& name) {
-    if (std::ranges::find(list, name) == list.end()) list.push_back(name);
-  };
   for (const ShapeRecord& shape : record.shapes) {
     if (shape.areas.empty()) return std::nullopt;
     for (const ShapeRecord::Area& area : shape.areas) {
-      enter(regions, area.region);
+      place_in(regions, area.region);
       for (const Line& loop : area.loops) {
         for (const auto& [x, y] : loop) {
           xs.push_back(x / kMillimetre);
@@ -103,8 +100,8 @@ std::optional<Drawing> shape_panels(const RunRecord& record) {
       rest = &shape;
       continue;
     }
-    enter(rows, shape.row);
-    enter(columns, shape.column);
+    place_in(rows, shape.row);
+    place_in(columns, shape.column);
     shapes[{shape.row, shape.column}] = &shape;
   }
   // One row of one material is clearer with all shapes in one panel.

@@ -13,10 +13,6 @@ constexpr double kLeft = 86, kBelow = 58, kAbove = 30, kBetween = 30;  // of a p
 constexpr double kLegendRow = 19;                                      // px
 constexpr size_t kFewSamples = 40;                                     // up to here each sample is a point
 
-std::string bracketed(const std::string& text, const WrittenUnit& unit) {
-  return unit.label.empty() ? text : text + (text.empty() ? "" : " ") + "[" + unit.label + "]";
-}
-
 std::string label_of(const Series& series) {
   return series.meaning.empty() ? series.id : series.meaning;
 }
@@ -66,7 +62,7 @@ Drawing curves(const SimulationRecord& record, const std::string& name, const st
   const size_t count = x_series.values.size();
   std::vector<double> xs;
   for (const double x : x_series.values) xs.push_back(x / x_unit.factor);
-  Axis x = axis_over(xs, bracketed(label_of(x_series), x_unit), 8, false);
+  Axis x = axis_over(xs, bracketed(label_of(x_series), x_unit.label), 8, false);
   const double room = 0.03 * (x.high - x.low);
   if (!ends && count > 1) {  // from the first to the last sample, no farther
     const auto [low, high] = std::ranges::minmax(xs);
@@ -139,7 +135,7 @@ Drawing curves(const SimulationRecord& record, const std::string& name, const st
     plots.insert(plots.end(), marks.begin(), marks.end());
     const bool low = tall[p] < 200;
     const std::string what = panel.y.size() == 1 && !low ? shortened(label_of(*panel.y.front()), 34) : "";
-    const Axis y = axis_over(shown, bracketed(what, unit), low ? 3 : 6, false);
+    const Axis y = axis_over(shown, bracketed(what, unit.label), low ? 3 : 6, false);
     Axis panel_x = x;
     if (p + 1 < panels.size()) panel_x.label.clear();
     page.panel({kLeft, top - tall[p], legend_left - 24, top}, panel_x, y, panel.title, plots);
@@ -270,20 +266,6 @@ std::optional<Drawing> workspaces(const SimulationRecord& record) {
                   ""},
                  csv,
                  page};
-}
-
-std::vector<Figure> draw_simulation(const SimulationRecord& record, const std::string& folder) {
-  std::vector<Figure> drawn = {finished(strip(record), folder)};
-  for (const SimulationRecord::Plot& plot : record.plots) drawn.push_back(finished(asked_plot(record, plot), folder));
-  if (std::optional<Drawing> drawing = workspaces(record)) drawn.push_back(finished(std::move(*drawing), folder));
-  std::vector<std::string> units;
-  for (const Series& channel : record.channels) {
-    if (std::ranges::find(units, channel.unit) != units.end()) continue;
-    units.push_back(channel.unit);
-    drawn.push_back(finished(*channels_of_unit(record, channel.unit), folder));
-  }
-  for (Figure& figure : drawn) figure.title = "Simulation: " + figure.title;
-  return drawn;
 }
 
 }  // namespace taut::plot

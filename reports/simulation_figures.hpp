@@ -6,7 +6,8 @@
 #include "reports/figures.hpp"
 #include "reports/simulation_record.hpp"
 
-/// The figures of a simulation. Every title says that it is one. Used inside reports/ only.
+/// The figures of a simulation; a new one is declared here and goes into what_it_gives() (simulation_report.cpp). Used
+/// inside reports/ only.
 namespace taut::plot {
 
 /// All channels of one SI unit over the samples, with the controls that move below; nothing without such channels.
@@ -22,8 +23,5 @@ std::optional<Drawing> workspaces(const SimulationRecord& record);
 /// regions in 2D; in 3D an isometric view with shaded facets, painted from the farthest to the nearest. The CSV holds
 /// what is drawn, in millimetres; in 3D right, up and towards the viewer.
 Drawing strip(const SimulationRecord& record);
-
-/// Draws all of them into `folder`/figures, the strip first. Needs gnuplot; throws InputError without it.
-std::vector<Figure> draw_simulation(const SimulationRecord& record, const std::string& folder);
 
 }  // namespace taut::plot

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <stdexcept>
 
 #include "sim/core/error.hpp"
@@ -73,34 +72,6 @@ std::string file_name_of(const std::string& text) {
     if (!plain) c = '_';
   }
   return name.empty() || name.front() == '.' ? "_" + name : name;
-}
-
-WrittenUnit written_unit(const std::string& si_unit) {
-  if (si_unit == "m") return {"mm", "mm", 1e-3};
-  if (si_unit == "m/s") return {"mm_per_s", "mm/s", 1e-3};
-  if (si_unit == "m2") return {"cm2", "cm²", 1e-4};
-  if (si_unit == "rad") return {"deg", "deg", std::numbers::pi / 180};
-  if (si_unit == "Pa") return {"kPa", "kPa", 1e3};
-  if (si_unit == "1" || si_unit.empty()) return {"1", "", 1};
-  std::string suffix;
-  for (const char c : si_unit) suffix += c == '/' ? std::string("_per_") : std::string(1, c);
-  return {suffix, si_unit, 1};
-}
-
-WrittenUnit shown_unit(const std::string& si_unit, double largest) {
-  const bool small = largest > 0 && largest < 0.1;
-  for (const char* unit : {"N", "Nm", "J", "s"}) {
-    if (small && si_unit == unit) return {si_unit, si_unit == "Nm" ? "N mm" : "m" + si_unit, 1e-3};
-  }
-  return written_unit(si_unit);
-}
-
-WrittenUnit shown_unit(const std::string& si_unit, const std::vector<double>& values) {
-  double largest = 0;
-  for (const double value : values) {
-    if (std::isfinite(value)) largest = std::max(largest, std::abs(value));
-  }
-  return shown_unit(si_unit, largest);
 }
 
 SampleLabel::SampleLabel(const SimulationRecord& record) : unit_(shown_unit(record.sample_unit, record.samples)) {

@@ -4,6 +4,7 @@
 #include <utility>
 #include <vector>
 
+#include "reports/axes.hpp"
 #include "sim/mesh/mesh.hpp"
 #include "sim/terms/cable.hpp"
 
@@ -65,20 +66,6 @@ std::vector<const Series*> all_series(const SimulationRecord& record);
 
 /// `text` with everything but letters, digits, '-', '_' and '.' made '_': a part of a file name.
 std::string file_name_of(const std::string& text);
-
-/// The unit in which a quantity of this SI unit is written to CSV files: millimetres, degrees, kilopascals, cm2, else
-/// SI. `suffix` ends a column name as parse_header() reads it ("N_per_m").
-struct WrittenUnit {
-  std::string suffix, label;
-  double factor;  ///< SI value of one unit
-};
-WrittenUnit written_unit(const std::string& si_unit);
-
-/// The same for figures: forces, torques, energies and times whose largest size is below 0.1 get a thousandth.
-WrittenUnit shown_unit(const std::string& si_unit, double largest);
-
-/// The unit that fits `values`.
-WrittenUnit shown_unit(const std::string& si_unit, const std::vector<double>& values);
 
 /// Labels of the record's samples with as many digits as their range needs: "0.25 s".
 class SampleLabel {

@@ -2,10 +2,12 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <filesystem>
 
 #include "reports/animation.hpp"
 #include "reports/html.hpp"
+#include "reports/section.hpp"
 #include "reports/simulation_figures.hpp"
 #include "reports/vtu.hpp"
 
@@ -16,62 +18,33 @@ using html::escaped;
 
 constexpr size_t kLargestInline = 2'000'000;  // bytes of a figure within the page
 
-const char* const kStyle = R"(
-:root { color-scheme: light; }
-body { font: 16px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif; color: #222;
-  background: #fff; margin: 0 auto; padding: 1.5rem 1rem 4rem; max-width: 60rem; }
-h1 { font-size: 1.7rem; line-height: 1.2; margin: 0 0 .3rem; }
-h2 { font-size: 1.25rem; margin: 2.4rem 0 .6rem; padding-bottom: .2rem; border-bottom: 1px solid #ddd; }
-p, li { max-width: 46rem; }
-.origin { color: #666; }
-.banner { background: #d55e00; color: #fff; font-weight: 600; padding: .6rem 1rem; border-radius: .3rem; max-width: none; }
-.scroll { overflow-x: auto; }
-table { border-collapse: collapse; font-size: .88rem; margin: .6rem 0; }
-td { text-align: left; vertical-align: top; padding: .28rem .8rem .28rem 0; border-bottom: 1px solid #e6e6e6; }
-figure { margin: 1.6rem 0; }
-figure svg, figure img { width: 100%; height: auto; display: block; }
-figcaption { margin-top: .6rem; color: #555; font-size: .92rem; max-width: 46rem; }
-code, pre { font-family: ui-monospace, Menlo, Consolas, monospace; font-size: .85em; overflow-wrap: anywhere; }
-pre { background: #f6f6f6; padding: .8rem; overflow-x: auto; }
-@media print { body { font-size: 10.5pt; max-width: none; padding: 0; } figure, tr { break-inside: avoid; } #motion { display: none; } }
-)";
-
-std::string paragraph(const std::string& text, const char* kind = "") {
-  return fmt::format("<p{}>{}</p>\n", *kind ? fmt::format(" class=\"{}\"", kind) : "", escaped(text));
-}
-
-std::string figure_html(const Figure& figure) {
-  const std::string picture =
-      figure.svg.size() <= kLargestInline
-          ? html::inlined(figure.svg, figure.name, figure.title)
-          : fmt::format("<img src=\"figures/{}.png\" alt=\"{}\">\n", escaped(figure.name), escaped(figure.title));
-  return fmt::format("<figure>\n{}<figcaption>{}</figcaption>\n</figure>\n", picture, escaped(figure.caption));
-}
-
-std::string report(const SimulationRecord& record, const std::vector<Figure>& figures) {
-  std::string out = fmt::format(
-      "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
-      "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>Simulation: {}</title>\n"
-      "<style>{}</style>\n</head>\n<body>\n",
-      escaped(record.title), kStyle);
-  out += paragraph("SIMULATION: everything below was computed from a model, nothing was measured.", "banner");
-  out += fmt::format("<h1>{}</h1>\n", escaped(record.title));
-  const SampleLabel label(record);
-  out += paragraph(fmt::format("{} samples over {} from {} to {}, {} stored states; taut {}", record.samples.size(),
-                               record.sample_name, label(record.samples.front()), label(record.samples.back()),
-                               record.states.size(), record.version),
-                   "origin");
-  out += paragraph(record.description);
+std::optional<Section> overview(const SimulationRecord& record) {
   std::vector<std::vector<std::string>> rows = {
       {"Mesh", fmt::format("{} elements, {} nodes", record.mesh.element_count(), record.mesh.node_count())}};
   for (const auto& [fact, text] : record.facts) rows.push_back({fact, text});
-  out += html::table({"", ""}, rows);
-  out += "<h2>What happens</h2>\n" + animation_fragment(record);
-  out += "<p><a href=\"animation.html\">The animation as a page of its own</a></p>\n";
-  out += figure_html(figures.front());
-  if (figures.size() > 1) out += "<h2>What it gives</h2>\n";
-  for (size_t i = 1; i < figures.size(); ++i) out += figure_html(figures[i]);
-  out += "<h2>How to read this</h2>\n<ul>\n";
+  return Section{html::paragraph(record.description) + html::table({"", ""}, rows)};
+}
+
+std::optional<Section> what_happens(const SimulationRecord& record) {
+  return with_figure("<h2>What happens</h2>\n" + animation_fragment(record) +
+                         "<p><a href=\"animation.html\">The animation as a page of its own</a></p>\n",
+                     plot::strip(record));
+}
+
+std::optional<Section> what_it_gives(const SimulationRecord& record) {
+  Section section{"<h2>What it gives</h2>\n"};
+  for (const SimulationRecord::Plot& plot : record.plots) section.figures.push_back(plot::asked_plot(record, plot));
+  if (std::optional<plot::Drawing> drawing = plot::workspaces(record)) section.figures.push_back(std::move(*drawing));
+  std::vector<std::string> units;
+  for (const Series& channel : record.channels) {
+    if (std::ranges::find(units, channel.unit) != units.end()) continue;
+    units.push_back(channel.unit);
+    section.figures.push_back(*plot::channels_of_unit(record, channel.unit));
+  }
+  return section.figures.empty() ? std::nullopt : std::optional(std::move(section));
+}
+
+std::optional<Section> how_to_read(const SimulationRecord& record) {
   std::vector<std::string> hints = {
       "Displacements are drawn as they are, not magnified; lengths along all axes have one scale.",
       record.sample_unit == "s"
@@ -82,19 +55,36 @@ std::string report(const SimulationRecord& record, const std::vector<Figure>& fi
       fmt::format("Every curve is a column of channels.csv; the numbers of each figure lie beside it in figures/. Open "
                   "{}.pvd with ParaView for all stored states with regions and displacements.",
                   file_name_of(record.name))};
-  if (record.mesh.dimension() == 2) {
+  if (record.mesh.dimension() == 2)
     hints.push_back("The model is plane: what is seen is a section, the same at every depth.");
-  }
-  for (const std::string& hint : hints) out += "<li>" + escaped(hint) + "</li>\n";
-  out += "</ul>\n<h2>Where this comes from</h2>\n";
-  rows.clear();
+  std::string html = "<h2>How to read this</h2>\n<ul>\n";
+  for (const std::string& hint : hints) html += "<li>" + escaped(hint) + "</li>\n";
+  return Section{html + "</ul>\n"};
+}
+
+std::optional<Section> origin(const SimulationRecord& record) {
+  std::vector<std::vector<std::string>> rows;
   if (!record.command_line.empty()) rows.push_back({"Command", "`" + record.command_line});
   if (!record.version.empty()) rows.push_back({"Version of taut", record.version});
-  out += html::table({"", ""}, rows);
-  if (!record.experiment_text.empty()) {
-    out += "<details><summary>Experiment file</summary><pre>" + escaped(record.experiment_text) + "</pre></details>\n";
-  }
-  return out + "</body>\n</html>\n";
+  std::string html = "<h2>Where this comes from</h2>\n" + html::table({"", ""}, rows);
+  if (!record.experiment_text.empty())
+    html += "<details><summary>Experiment file</summary><pre>" + escaped(record.experiment_text) + "</pre></details>\n";
+  return Section{html};
+}
+
+constexpr MakeSection<SimulationRecord> kPage[] = {overview, what_happens, what_it_gives, how_to_read, origin};
+
+std::string page_of(const SimulationRecord& record, const std::vector<Section>& sections) {
+  const SampleLabel label(record);
+  return html::page(
+      "Simulation: " + record.title,
+      html::paragraph("SIMULATION: everything below was computed from a model, nothing was measured.", "banner") +
+          fmt::format("<h1>{}</h1>\n", escaped(record.title)) +
+          html::paragraph(fmt::format("{} samples over {} from {} to {}, {} stored states; taut {}",
+                                      record.samples.size(), record.sample_name, label(record.samples.front()),
+                                      label(record.samples.back()), record.states.size(), record.version),
+                          "origin") +
+          html_of(sections, kLargestInline));
 }
 
 }  // namespace
@@ -130,13 +120,13 @@ std::vector<std::string> write_simulation(const SimulationRecord& record, const 
   }
   write(name + ".pvd", pvd_text(collection));
   write("animation.html", animation_html(record));
-  const std::vector<Figure> figures = plot::draw_simulation(record, folder);
-  for (const Figure& figure : figures) {
+  std::vector<Section> sections = sections_of<SimulationRecord>(record, kPage, "Simulation: ");
+  for (const Figure& figure : draw(sections, folder)) {
     for (const char* format : {"svg", "pdf", "png", "csv", "gp"}) {
       files.push_back(fmt::format("figures/{}.{}", figure.name, format));
     }
   }
-  write("report.html", report(record, figures));
+  write("report.html", page_of(record, sections));
   return files;
 }
 

@@ -2,8 +2,10 @@
 
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <stdexcept>
 
+#include "calib/data/files.hpp"
 #include "reports/html.hpp"
 
 namespace taut {
@@ -81,6 +83,20 @@ std::string pvd_text(const std::vector<std::pair<double, std::string>>& files) {
     text += fmt::format("<DataSet timestep=\"{}\" part=\"0\" file=\"{}\"/>\n", time, html::escaped(file));
   }
   return text + "</Collection>\n</VTKFile>\n";
+}
+
+std::string write_states(const SolvedStates& states, const std::string& folder) {
+  if (states.mesh == nullptr) return "";
+  const std::filesystem::path root = std::filesystem::path(folder) / "states";
+  std::vector<std::pair<double, std::string>> files;
+  for (const SolvedState& state : states.states) {
+    const std::string file = fmt::format("state_{:03}.vtu", files.size());
+    write_file((root / file).string(), vtu_text(*states.mesh, state.u));
+    files.emplace_back(static_cast<double>(files.size()), file);
+  }
+  const std::string collection = (root / "states.pvd").string();
+  write_file(collection, pvd_text(files));
+  return collection;
 }
 
 }  // namespace taut

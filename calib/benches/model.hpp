@@ -1,6 +1,4 @@
 #pragma once
-#include <fmt/format.h>
-
 #include <map>
 #include <memory>
 #include <string>
@@ -10,7 +8,7 @@
 #include "calib/benches/static_protocol.hpp"
 #include "calib/data/trials.hpp"
 #include "calib/files/experiment.hpp"
-#include "sim/core/error.hpp"
+#include "sim/scene/build_scene.hpp"
 
 namespace taut {
 
@@ -23,6 +21,14 @@ Mesh make_mesh(const Experiment& experiment, const MeshSettings& settings);
 /// cables count by half, readings are what they were. The thickness is no longer a parameter. Throws InputError for
 /// experiments that are in space already, recordings, elastic clamps and obstacles.
 Experiment as_solid(const Experiment& experiment, int depth_cells);
+
+/// The mesh of a solid whose elements are about as long across its thickness as along it, at least two. Throws
+/// InputError for geometries that are no plane sections or whose element size is not known.
+MeshSettings deepened(const Experiment& experiment, MeshSettings mesh);
+
+/// The setup of an experiment with its body, meshed by `settings`, and its controls, whose columns hold what `trials`
+/// says.
+Setup setup_of(const Experiment& experiment, const MeshSettings& settings, const Trials& trials);
 
 /// The model of an experiment and the indices of what its bench sets.
 struct BenchModel {
@@ -41,16 +47,5 @@ BenchModel make_model(const Experiment& experiment, const MeshSettings& settings
 
 /// Position of a control among experiment.bench.controls.
 size_t position_of_control(const Experiment& experiment, const std::string& id);
-
-/// Runs `action` and puts the file (and the part of it) in front of what goes wrong.
-template <class Action>
-auto at(const Experiment& experiment, const std::string& part, Action&& action) {
-  try {
-    return action();
-  } catch (const InputError& error) {
-    if (std::string_view(error.what()).starts_with(experiment.path + ":")) throw;  // it says where, to the line
-    throw InputError(fmt::format("{}: {}: {}", experiment.path, part, error.what()));
-  }
-}
 
 }  // namespace taut

@@ -50,9 +50,9 @@ void add_samples(const Experiment& experiment, size_t index, std::vector<Sample>
   for (size_t c = 0; c < experiment.bench.channels.size(); ++c) {
     const BenchFormat::Channel& channel = experiment.bench.channels[c];
     const size_t column = column_of(table, channel.column);
-    const double metre = parse_header(channel.column, {Quantity::length}, table.at(table.header, column)).factor;
+    const double unit = parse_header(channel.column, {channel.quantity}, table.at(table.header, column)).factor;
     std::vector<double> values;
-    for (const CsvTable::Row& row : table.rows) values.push_back(metre * number_in(table, row, column));
+    for (const CsvTable::Row& row : table.rows) values.push_back(unit * number_in(table, row, column));
     double reference = 0;
     if (bench.from_mean_before) {
       const auto before = std::lower_bound(times.begin(), times.end(), 0.0) - times.begin();
@@ -86,20 +86,6 @@ std::vector<Sample> read_samples(const Experiment& experiment) {
   return samples;
 }
 
-void add_dynamics(const DynamicsSettings& dynamics, const MaterialSettings& material, SceneBuilder& builder) {
-  const std::string& region = material.region;
-  int mass_damping = -1;
-  if (dynamics.mass_damping.count(region) > 0)
-    mass_damping = builder.declare(
-        {"mass_damping_" + region, "alpha", "1/s", 0, 1e6, "damping of " + region + " in proportion to its mass"},
-        dynamics.mass_damping.at(region));
-  builder.add_inertia(region, *material.density, dynamics.mass, mass_damping);
-  if (dynamics.stiffness_damping.count(region) == 0) return;
-  builder.add_viscosity(region, builder.declare({"stiffness_damping_" + region, "beta", "s", 0, 1e3,
-                                                 "damping of " + region + " in proportion to its stiffness"},
-                                                dynamics.stiffness_damping.at(region)));
-}
-
 std::vector<Recording> declare_recordings(const Experiment& experiment, SceneBuilder& builder) {
   std::vector<Recording> recordings;
   const std::map<std::string, double> values = material_values(experiment);
@@ -129,10 +115,10 @@ std::vector<Recording> declare_recordings(const Experiment& experiment, SceneBui
   return recordings;
 }
 
-RecordingBench make_recording_bench(const Experiment& experiment, const MeshSettings& settings,
-                                    const std::vector<Sample>& samples) {
+RecordingReplay make_recording_replay(const Experiment& experiment, const MeshSettings& settings,
+                                      const std::vector<Sample>& samples) {
   BenchModel model = make_model(experiment, settings, {});
-  RecordingBench bench;
+  RecordingReplay bench;
   std::vector<RecordingRow> rows;
   for (const Sample& sample : samples) {
     const int row = static_cast<int>(rows.size());

@@ -4,13 +4,9 @@
 #include <vector>
 
 #include "calib/benches/recording_protocol.hpp"
-#include "calib/benches/static_bench.hpp"
+#include "calib/benches/static_replay.hpp"
 
 namespace taut {
-
-/// Inertia and damping of a region; declares "mass_damping_<region>" [1/s] and "stiffness_damping_<region>" [s] where
-/// the file has them.
-void add_dynamics(const DynamicsSettings& dynamics, const MaterialSettings& material, SceneBuilder& builder);
 
 /// The recordings with parameters of their own: "release_<recording>", "<load>_<recording>" for what holds one, and
 /// "<parameter>_<case>" for what [bench] per_case names.
@@ -21,8 +17,8 @@ struct Sample {
   int recording = 0, channel = 0;
   int line = 0;      ///< in the recording's file, the header is line 1
   double time = 0;   ///< [s]
-  double value = 0;  ///< [m], from the mean before time zero if the bench says so
-  double sigma = 0;  ///< [m]
+  double value = 0;  ///< SI, from the mean before time zero if the bench says so
+  double sigma = 0;  ///< SI
 };
 
 /// The samples that the bench chooses from its files, in order of recording, channel and time. Throws InputError, one
@@ -33,11 +29,11 @@ std::vector<Sample> read_samples(const Experiment& experiment);
 
 /// Samples as rows of a recording protocol, one each. Recordings of one case at one time since their release are no
 /// repeats in the sense of a static bench, since each has its own release.
-struct RecordingBench {
+struct RecordingReplay {
   std::unique_ptr<RecordingProtocol> protocol;
   std::vector<Measurement> measurements;  ///< one per sample
 };
-RecordingBench make_recording_bench(const Experiment& experiment, const MeshSettings& settings,
-                                    const std::vector<Sample>& samples);
+RecordingReplay make_recording_replay(const Experiment& experiment, const MeshSettings& settings,
+                                      const std::vector<Sample>& samples);
 
 }  // namespace taut

@@ -5,94 +5,439 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <set>
 
-#include "calib/benches/recordings.hpp"
+#include "calib/benches/model.hpp"
 #include "sim/core/error.hpp"
+#include "sim/core/stopwatch.hpp"
+#include "sim/core/units.hpp"
 #include "sim/mesh/weights.hpp"
-#include "sim/shapes/geometry.hpp"
-#include "sim/terms/load.hpp"
 
 namespace taut {
+namespace {
 
-BenchRows rows_of_readings(const Experiment& experiment, const BenchModel& model, const Trials& trials) {
-  BenchRows bench;
-  const size_t offset_control =
-      experiment.zero_offset_per.empty() ? 0 : position_of_control(experiment, experiment.zero_offset_per);
-  std::vector<StaticRow>& rows = bench.rows;
-  for (const Reading& reading : trials.readings) {
-    const auto same = std::find_if(rows.begin(), rows.end(), [&](const StaticRow& row) {
-      return row.channel == reading.channel && row.controls == reading.controls;
-    });
-    const int row = static_cast<int>(same - rows.begin());
-    const auto offset = model.zero_offsets.empty() ? model.zero_offsets.end()
-                                                   : model.zero_offsets.find(reading.controls[offset_control]);
-    const int zero_offset = offset == model.zero_offsets.end() ? -1 : offset->second;
-    if (same == rows.end()) rows.push_back({reading.controls, reading.channel, zero_offset});
-    bench.row_of_reading.push_back(row);
-    bench.measurements.push_back({row, reading.value, reading.sigma, row});
+std::string list_of(const std::vector<double>& values, std::string_view unit) {
+  std::string text;
+  for (double value : values) text += fmt::format("{}{}", text.empty() ? "" : ", ", with_unit(value, unit));
+  return text;
+}
+
+std::string geometry_text(const GeometrySettings& geometry) {
+  std::string text = geometry.kind();
+  if (const std::vector<double> extent = geometry.shape->extent(); !extent.empty())
+    text += " of " + list_of(extent, "m");
+  if (geometry.dimension == 2)
+    text += fmt::format(", plane {}, {} thick", geometry.plane == Plane::strain ? "strain" : "stress",
+                        with_unit(geometry.thickness, "m"));
+  return text;
+}
+
+std::string support_text(const SupportSettings& support) {
+  std::string text;
+  for (int component : support.fix) text += fmt::format("{}{}", text.empty() ? "fixed in " : ", ", "xyz"[component]);
+  if (support.rotation_stiffness)
+    text += fmt::format("elastic, rotation stiffness {}", with_unit(*support.rotation_stiffness, "Nm/rad"));
+  if (!support.control.empty())
+    text +=
+        fmt::format("{}moved in {} by column '{}'", text.empty() ? "" : "; ", "xyz"[support.component], support.column);
+  return text;
+}
+
+std::string channel_text(const ChannelSettings& channel) {
+  const std::string what(name_of(channel.kind));
+  std::string text = channel.on.empty()   ? what + " of point (" + list_of(channel.point, "m") + ")"
+                     : channel.of_place() ? "mean " + what + " of " + channel.on
+                                          : what + " of " + channel.on;
+  if (!channel.standoff.empty())
+    text += fmt::format(", marker {} off it, turning with {}", list_of(channel.standoff, "m"), channel.turns_with);
+  return text;
+}
+
+/// The experiment whose mesh is that of its solid, where it asks for one.
+Experiment with_own_mesh(Experiment experiment) {
+  if (experiment.model == Rung::solid) experiment.mesh = deepened(experiment, experiment.mesh);
+  return experiment;
+}
+
+}  // namespace
+
+StaticBench::StaticBench(Experiment experiment, Trials trials)
+    : Bench(with_own_mesh(std::move(experiment))),
+      trials_(std::move(trials)),
+      replay_(make_static_replay(experiment_, experiment_.mesh, trials_)),
+      model_text_(experiment_.mesh.describe()) {
+  find_axes();
+  find_readings();
+}
+
+void StaticBench::find_axes() {
+  size_t most = 0;
+  for (size_t k = 0; k < trials_.control_ids.size(); ++k) {
+    const Quantity quantity = trials_.control_quantities[k];
+    controls_.push_back(make_axis(trials_.control_ids[k], quantity, trials_.control_ids[k]));
+    if (quantity == Quantity::length) continue;
+    std::set<double> values;
+    for (const Reading& reading : trials_.readings) values.insert(reading.controls[k]);
+    if (values.size() <= most) continue;
+    most = values.size();
+    drawn_control_ = static_cast<int>(k);
+    drawn_label_ = trials_.control_ids[k] + (quantity == Quantity::mass ? " × g" : "");
   }
+  if (drawn_control_ < 0) drawn_label_ = "load";
+  for (const ChannelSettings& channel : experiment_.channels) channels_.push_back(make_axis(channel));
+}
+
+void StaticBench::find_readings() {
+  for (size_t i = 0; i < trials_.readings.size(); ++i) {
+    const Reading& from = trials_.readings[i];
+    BenchReading& reading = readings_.emplace_back();
+    reading.line = from.line;
+    reading.trial = from.trial;
+    reading.channel = from.channel;
+    reading.controls = from.controls;
+    reading.value = from.value;
+    reading.sigma = from.sigma;
+    reading.row = replay_.row_of_reading[i];
+    if (drawn_control_ >= 0) {
+      const size_t k = static_cast<size_t>(drawn_control_);
+      reading.load_newtons = as_force(k, from.controls[k]);
+    }
+  }
+  for (BenchReading& reading : readings_) reading.series = series_of(reading.controls);
+  measurements_ = replay_.measurements;
+}
+
+double StaticBench::as_force(size_t control, double value) const {
+  return load_in_newtons(experiment_, trials_.control_quantities[control], value);
+}
+
+std::vector<double> StaticBench::values_of(size_t control) const {
+  const std::set<double>& values = trials_.control_values[control];
+  return {values.begin(), values.end()};
+}
+
+/// What is held besides the load, as a label; "" when nothing else varies.
+std::string StaticBench::series_of(const std::vector<double>& controls) const {
+  std::string text;
+  for (size_t k = 0; k < controls.size(); ++k) {
+    if (static_cast<int>(k) == drawn_control_ || Bench::values_of(k).size() <= 1) continue;
+    text += fmt::format("{}{} {}", text.empty() ? "" : ", ", controls_[k].id, control_text(k, controls[k]));
+  }
+  return text;
+}
+
+std::string StaticBench::describe_controls(const std::vector<double>& controls) const {
+  if (controls.empty()) return "no load";
+  std::string text;
+  for (size_t k = 0; k < controls.size(); ++k) text += (k == 0 ? "" : ", ") + describe_control(k, controls[k]);
+  return text;
+}
+
+/// At every measured load, where curve and readings are compared, and in even steps between them.
+std::vector<double> StaticBench::curve_loads() const {
+  std::set<double> loads{0.0};
+  for (const BenchReading& reading : readings_) loads.insert(reading.controls[static_cast<size_t>(drawn_control_)]);
+  const double lowest = *loads.begin(), highest = *loads.rbegin(), step = (highest - lowest) / 10;
+  if (loads.size() > 20) loads = {lowest, highest};
+  const std::set<double> measured = loads;
+  for (int i = 1; i < 10; ++i) {
+    const double value = lowest + step * i;
+    const bool near = std::any_of(measured.begin(), measured.end(),
+                                  [&](double load_there) { return std::abs(load_there - value) < 0.4 * step; });
+    if (!near) loads.insert(value);
+  }
+  return {loads.begin(), loads.end()};
+}
+
+std::vector<CurveRecord> StaticBench::curves(const Params& p, const std::vector<FreeParameter>& free,
+                                             const Eigen::MatrixXd& covariance, const Ask& ask) const {
+  if (drawn_control_ < 0) return {};
+  const std::vector<double> loads = curve_loads();
+  std::map<std::string, std::vector<double>> held;  // series to controls
+  for (const BenchReading& reading : readings_) held.try_emplace(reading.series, reading.controls);
+  Trials grid = trials_;
+  grid.readings.clear();
+  std::vector<CurveRecord> curves;
+  for (const auto& [series, controls] : held) {
+    for (size_t channel = 0; channel < channels_.size(); ++channel) {
+      CurveRecord& curve = curves.emplace_back();
+      curve.channel = channels_[channel].id;
+      curve.series = series;
+      for (double value : loads) {
+        Reading& reading = grid.readings.emplace_back();
+        reading.controls = controls;
+        reading.controls[static_cast<size_t>(drawn_control_)] = value;
+        reading.channel = static_cast<int>(channel);
+        reading.sigma = 1;
+        curve.load.push_back(as_force(static_cast<size_t>(drawn_control_), value));
+      }
+    }
+  }
+  const StaticReplay replay = make_static_replay(experiment_, experiment_.mesh, grid);
+  const ParameterTable& table = replay.protocol->parameters();
+  const Prediction prediction = ask(*replay.protocol, p, indices_of(free));
+  const Eigen::VectorXd se = standard_errors(prediction, table, p, free, covariance);
+  // Increments from the start of the curve are known better than the values: errors of the parameters move both.
+  Prediction increments = prediction;
+  for (size_t reading = 0; reading < grid.readings.size() && prediction.derivatives.size() > 0; ++reading) {
+    const int row = replay.row_of_reading[reading], start = replay.row_of_reading[reading - reading % loads.size()];
+    increments.derivatives.row(row) = prediction.derivatives.row(row) - prediction.derivatives.row(start);
+  }
+  const Eigen::VectorXd increment_se = standard_errors(increments, table, p, free, covariance);
+  size_t reading = 0;
+  for (CurveRecord& curve : curves) {
+    for (size_t i = 0; i < loads.size(); ++i, ++reading) {
+      const int row = replay.row_of_reading[reading];
+      curve.value.push_back(prediction.values[row]);
+      curve.se.push_back(se[row]);
+      if (loads.front() == 0) curve.increment_se.push_back(increment_se[row]);
+    }
+  }
+  return curves;
+}
+
+std::unique_ptr<Bench> StaticBench::with(const VariantSettings& variant) const {
+  Experiment changed = experiment_;
+  changed.mesh = variant.mesh;
+  auto bench = std::make_unique<StaticBench>(std::move(changed), trials_);
+  bench->model_text_ = variant.mesh.describe();
   return bench;
 }
 
-StaticBench make_static_bench(const Experiment& experiment, const MeshSettings& settings, const Trials& trials) {
-  StaticBench bench;
-  BenchModel model = make_model(experiment, settings, trials);
-  BenchRows rows = rows_of_readings(experiment, model, trials);
-  bench.row_of_reading = std::move(rows.row_of_reading);
-  bench.measurements = std::move(rows.measurements);
-  bench.cables = model.cables;
-  bench.contact = model.contact;
-  StaticProtocol::Options options;
-  options.equilibrium = experiment.equilibrium;
-  options.threads = experiment.threads;
-  options.from_unloaded = experiment.from_unloaded;
-  for (size_t k = 0; k < experiment.bench.controls.size(); ++k) {
-    if (experiment.cables.columns.count(experiment.bench.controls[k].id) > 0)
-      options.set_first.push_back(static_cast<int>(k));
-  }
-  options.equilibrium.check_path = !options.set_first.empty();
-  bench.protocol = std::make_unique<StaticProtocol>(std::move(model.scene), std::move(model.channels), model.controls,
-                                                    model.switched_off_at_rest, std::move(rows.rows), options);
-  return bench;
+std::unique_ptr<Bench> StaticBench::part(size_t control, double held) const {
+  Trials part = trials_;
+  std::erase_if(part.readings, [&](const Reading& reading) { return reading.controls[control] != held; });
+  return std::make_unique<StaticBench>(experiment_, std::move(part));
 }
 
-std::vector<FreeParameter> free_parameters(const Experiment& experiment, const Protocol& protocol) {
-  std::vector<FreeParameter> free;
-  for (const FreeSettings& settings : experiment.free) {
-    at(experiment, fmt::format("[fit.free.{}]", settings.id), [&] {
-      FreeParameter parameter;
-      if (settings.id == "thickness" && !protocol.parameters().contains("thickness"))
-        throw InputError("the thickness of a solid is that of its mesh and cannot be fitted; free it in a plane model");
-      parameter.index = protocol.parameters().index(settings.id);
-      for (const BenchFormat::Control& control : experiment.bench.controls) {
-        if (control.id == settings.id)
-          throw InputError(
-              fmt::format("'{}' is set by the bench, row by row, and cannot be fitted; free a parameter of the model",
-                          settings.id));
-      }
-      const ParameterSpec& spec = protocol.parameters()[parameter.index];
-      auto given = [&](const std::optional<GivenValue>& value, double otherwise) {
-        return value ? parse_quantity(value->text, quantity_of_si_unit(spec.unit), value->where) : otherwise;
-      };
-      parameter.start = given(settings.start, protocol.nominal()[parameter.index]);
-      parameter.lower = given(settings.lower, spec.lower);
-      parameter.upper = given(settings.upper, spec.upper);
-      for (double value : {parameter.lower, parameter.start, parameter.upper})
-        protocol.parameters().check(parameter.index, value);
-      if (!(parameter.lower <= parameter.start && parameter.start <= parameter.upper &&
-            parameter.lower < parameter.upper)) {
-        throw InputError(fmt::format("the start {} must lie between the bounds {} and {}",
-                                     with_unit(parameter.start, spec.unit), with_unit(parameter.lower, spec.unit),
-                                     with_unit(parameter.upper, spec.unit)));
-      }
-      free.push_back(parameter);
-    });
+std::unique_ptr<Bench> StaticBench::at_loads(const std::string& path) const {
+  if (experiment_.model == Rung::beam || experiment_.model == Rung::automatic) {
+    throw InputError(
+        fmt::format("{}: was fitted with model = \"{}\", and predictions are made by finite elements of one kind; "
+                    "fit again with \"full\", \"rigid_segments\" or \"solid\"",
+                    experiment_.path, name_of(experiment_.model)));
   }
-  return free;
+  Trials there = trials_;
+  there.readings.clear();
+  for (const LoadRow& row : read_load_rows(experiment_.bench, path)) {
+    for (size_t channel = 0; channel < channels_.size(); ++channel) {
+      Reading& reading = there.readings.emplace_back();
+      reading.line = row.line;
+      reading.controls = row.controls;
+      reading.channel = static_cast<int>(channel);
+    }
+  }
+  return std::make_unique<StaticBench>(experiment_, std::move(there));
 }
 
-double load_in_newtons(const Experiment& experiment, Quantity quantity, double value_si) {
-  return quantity == Quantity::mass ? value_si * experiment.gravity : value_si;
+std::string StaticBench::size_text() const {
+  return fmt::format("{} readings in {} conditions with {} unknowns", readings_.size(),
+                     replay_.protocol->conditions().size(), unknowns());
+}
+
+std::string StaticBench::effort() const {
+  return fmt::format("{} Newton iterations, {} factorisations", replay_.protocol->newton_iterations(),
+                     replay_.protocol->factorisations());
+}
+
+Lines StaticBench::load_lines() const {
+  Lines lines;
+  if (!experiment_.gravity_direction.empty())
+    lines.emplace_back("self-weight", fmt::format("g = {}", with_unit(experiment_.gravity, "m/s2", 6)));
+  for (const LoadSettings& load : experiment_.loads) {
+    const std::string place = load.on.empty() ? "point (" + list_of(load.point, "m") + ")" : load.on;
+    lines.emplace_back("load " + load.id,
+                       fmt::format("{} on {}, {}", name_of(load.quantity), place,
+                                   load.column.empty() ? "constant " + fmt::format("{:.6g} (SI)", load.value)
+                                                       : "column '" + load.column + "'"));
+  }
+  return lines;
+}
+
+std::string StaticBench::cables_text() const {
+  const ParameterTable& table = replay_.protocol->parameters();
+  const Params& nominal = replay_.protocol->nominal();
+  std::string text;
+  for (const CableSettings& cable : experiment_.cables.cables) text += (text.empty() ? "" : ", ") + cable.id;
+  text += fmt::format("; k = {}, slack = {}", with_unit(nominal[table.index("k_cable")], "N/m"),
+                      with_unit(nominal[table.index("slack")], "m"));
+  for (const auto& [id, column] : experiment_.cables.columns)
+    text += fmt::format("; retracted by column '{}', before the loads", column);
+  return text;
+}
+
+std::string StaticBench::contact_text() const {
+  const ParameterTable& table = replay_.protocol->parameters();
+  const Params& nominal = replay_.protocol->nominal();
+  std::string text = fmt::format("sets in at {}", with_unit(nominal[table.index("contact_gap")], "m"));
+  for (const std::string& region : replay_.protocol->scene().model->mesh().region_names) {
+    text += fmt::format(", {} {}", region,
+                        with_unit(nominal[table.index("contact_pressure_" + region)],
+                                  experiment_.contact.form == ContactForm::length_weighted ? "Pa" : "N/m"));
+  }
+  if (experiment_.geometry.shape->defaults().contact)
+    text += experiment_.contact.compensate ? "; lips shortened by the distance at which they rest"
+                                           : "; stand-off not compensated";
+  return text;
+}
+
+Lines StaticBench::describe() const {
+  const Experiment& e = experiment_;
+  const Mesh& mesh = replay_.protocol->scene().model->mesh();
+  Lines lines{{"data", e.simulated ? "simulated" : "measured"},
+              {"geometry", geometry_text(e.geometry)},
+              {"mesh", fmt::format("{}: {} nodes, {} elements, {} unknowns", e.mesh.describe(), mesh.node_count(),
+                                   mesh.element_count(), unknowns())}};
+  add_material_lines(e, lines);
+  for (const SupportSettings& support : e.supports) lines.emplace_back("support " + support.on, support_text(support));
+  for (auto& line : load_lines()) lines.push_back(std::move(line));
+  if (!e.cables.cables.empty()) lines.emplace_back("cables", cables_text());
+  if (e.contact.on) lines.emplace_back("contact", contact_text());
+  for (const ChannelSettings& channel : e.channels) lines.emplace_back("channel " + channel.id, channel_text(channel));
+  lines.emplace_back("measured from", e.from_unloaded ? "the unloaded equilibrium" : "the rest shape");
+  for (const std::string& remark : trials_.remarks) lines.emplace_back("bench", remark);
+  return lines;
+}
+
+std::vector<std::string> StaticBench::warnings_before() const {
+  std::vector<std::string> warnings;
+  const Experiment& e = experiment_;
+  const bool may_lock =
+      e.mesh.formulation == Formulation::standard && !(e.geometry.dimension == 2 && e.geometry.plane == Plane::stress);
+  for (const MaterialSettings& material : e.materials) {
+    const auto nu = material.constants.find("nu");
+    if (nu == material.constants.end() || !(nu->second > 0.45) || !may_lock) continue;
+    warnings.push_back(
+        fmt::format("{}: nu = {} with {} elements locks: the model is too stiff and a fitted modulus too small; set "
+                    "formulation = \"locking_free\" with quadratic elements",
+                    material.region, nu->second, e.mesh.order == 1 ? "linear" : "plain quadratic"));
+  }
+  if (e.mesh.order == 1)
+    warnings.emplace_back(
+        "linear elements bend too stiffly: a fitted modulus is too small by some per cent; compare with element = "
+        "\"quadratic\"");
+  return warnings;
+}
+
+std::vector<std::string> StaticBench::warnings_after() const {
+  std::vector<std::string> warnings;
+  for (const StaticProtocol::Condition& condition : replay_.protocol->conditions()) {
+    if (condition.report.status != SolveStatus::converged) continue;
+    const std::string where = replay_.protocol->describe(condition);
+    if (condition.report.left_saddle)
+      warnings.push_back(
+          fmt::format("at {} the straight path became unstable (buckling); the equilibrium on the side of "
+                      "lower energy was taken",
+                      where));
+    if (condition.report.slipped)
+      warnings.push_back(
+          fmt::format("at {} the path slipped to another equilibrium, {:.3g} % of the way from the state "
+                      "before: several exist there, and the specimen may be in another one; leave this row out or hang "
+                      "smaller loads",
+                      where, 100 * condition.report.slipped_after));
+    if (condition.smallest_jacobian <= 0)
+      warnings.push_back(
+          fmt::format("at {} an element has folded between its quadrature points (smallest J = {:.2g}): do "
+                      "not trust the state near it; refine there or lower the load",
+                      where, condition.smallest_jacobian));
+  }
+  return warnings;
+}
+
+std::string StaticBench::compare_models(const Params& p, const Eigen::VectorXd& values, double seconds) const {
+  if (!choice_.protocol) return "";
+  std::string doubt = choice_.doubt ? choice_.doubt() : "";
+  const Stopwatch watch;
+  replay_.protocol->forget();
+  const Prediction full = replay_.protocol->predict(p, {});
+  const double took = watch.seconds();
+  double largest = 0;
+  for (Eigen::Index r = 0; r < values.size(); ++r) {
+    if (full.values[r] != 0 && std::isfinite(full.values[r] + values[r]))
+      largest = std::max(largest, std::abs(values[r] / full.values[r] - 1));
+  }
+  const auto failed = std::count_if(values.begin(), values.end(), [](double value) { return !std::isfinite(value); });
+  if (failed > 0) doubt += fmt::format("; {} rows have no equilibrium", failed);
+  return fmt::format(
+      "a replay by the chosen models takes {:.2g} s, by the full one {:.2g} s; they differ by at most {:.2g} %{}",
+      seconds, took, 100 * largest, doubt);
+}
+
+std::vector<TangentStiffness> StaticBench::tangent_stiffness() const {
+  std::vector<TangentStiffness> found;
+  const StaticProtocol& protocol = *replay_.protocol;
+  const Mesh& mesh = protocol.scene().model->mesh();
+  for (const LoadSettings& load : experiment_.loads) {
+    const bool force = load.quantity == Quantity::force || load.quantity == Quantity::mass;
+    if (!force || load.column.empty() || mesh.dimension() != experiment_.geometry.dimension) continue;
+    const Eigen::VectorXd direction =
+        Eigen::Map<const Eigen::VectorXd>(load.direction.data(), static_cast<Eigen::Index>(load.direction.size()));
+    const Eigen::VectorXd point =
+        Eigen::Map<const Eigen::VectorXd>(load.point.data(), static_cast<Eigen::Index>(load.point.size()));
+    const Eigen::VectorXd weights = load.point.empty() ? mean_weights(mesh, mesh.select(load.on), direction)
+                                                       : point_weights(mesh, locate(mesh, point), direction);
+    const int index = protocol.parameters().index(load.id);
+    const double newtons = load.quantity == Quantity::mass ? experiment_.gravity : 1;  // of one unit of the control
+    for (const StaticProtocol::Condition& condition : protocol.conditions()) {
+      const auto known = std::find(condition.sensitivity_of.begin(), condition.sensitivity_of.end(), index);
+      if (condition.report.status != SolveStatus::converged || known == condition.sensitivity_of.end()) continue;
+      const double slope = weights.dot(condition.sensitivities.col(known - condition.sensitivity_of.begin()));
+      found.push_back({protocol.describe(condition), load.id, newtons / slope});
+    }
+  }
+  return found;
+}
+
+SolvedStates StaticBench::states() const {
+  SolvedStates all;
+  all.mesh = &replay_.protocol->scene().model->mesh();
+  all.cables = replay_.cables;
+  if (!experiment_.gravity_direction.empty())
+    all.down = experiment_.gravity_direction;
+  else if (!experiment_.loads.empty())
+    all.down = experiment_.loads.front().direction;
+  // What is held first, the load second: states next to each other in the figures.
+  std::vector<const StaticProtocol::Condition*> solved;
+  for (const StaticProtocol::Condition& condition : replay_.protocol->conditions()) {
+    if (condition.report.status == SolveStatus::converged) solved.push_back(&condition);
+  }
+  const auto held_then_load = [&](const StaticProtocol::Condition* one, const StaticProtocol::Condition* other) {
+    std::vector<double> a = one->controls, b = other->controls;
+    if (drawn_control_ >= 0) {
+      std::rotate(a.begin() + drawn_control_, a.begin() + drawn_control_ + 1, a.end());
+      std::rotate(b.begin() + drawn_control_, b.begin() + drawn_control_ + 1, b.end());
+    }
+    return a < b;
+  };
+  std::stable_sort(solved.begin(), solved.end(), held_then_load);
+  for (const StaticProtocol::Condition* condition : solved) {
+    SolvedState& state = all.states.emplace_back();
+    state.label = describe_controls(condition->controls);
+    state.row = series_of(condition->controls);
+    if (drawn_control_ >= 0) {
+      const size_t k = static_cast<size_t>(drawn_control_);
+      state.column = controls_[k].id + " " + control_text(k, condition->controls[k]);
+    }
+    state.u = condition->u;
+  }
+  return all;
+}
+
+std::vector<CableState> StaticBench::cable_states() const {
+  std::vector<CableState> states;
+  const StaticProtocol& protocol = *replay_.protocol;
+  const Mesh& mesh = protocol.scene().model->mesh();
+  for (size_t c = 0; c < replay_.cables.size(); ++c) {
+    const auto tension = make_cable_tension(mesh, replay_.cables[c]);
+    const auto length = make_cable_length(mesh, replay_.cables[c]);
+    for (const StaticProtocol::Condition& condition : protocol.conditions()) {
+      if (condition.report.status != SolveStatus::converged) continue;
+      const Point at{condition.u, condition.p};
+      states.push_back(
+          {protocol.describe(condition), experiment_.cables.cables[c].id, tension->value(at), length->value(at)});
+    }
+  }
+  return states;
 }
 
 }  // namespace taut

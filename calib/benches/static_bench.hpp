@@ -1,35 +1,77 @@
 #pragma once
+#include <functional>
 #include <memory>
+#include <string>
 #include <vector>
 
-#include "calib/benches/model.hpp"
-#include "calib/fit/fit.hpp"
+#include "calib/benches/bench.hpp"
+#include "calib/benches/static_replay.hpp"
 
 namespace taut {
 
-/// Readings as rows: one row per distinct (controls, channel), readings of one row are repeats.
-struct BenchRows {
-  std::vector<StaticRow> rows;
-  std::vector<int> row_of_reading;
-  std::vector<Measurement> measurements;
+/// What predicts the rows of a bench at rest instead of the full model: cheaper ones, row by row.
+struct ModelChoice {
+  std::unique_ptr<Protocol> protocol;
+  std::string sentence;                ///< what was chosen and why; "": the file asked for it
+  std::function<std::string()> doubt;  ///< what is doubtful of the last prediction, as the end of a sentence, or ""
 };
-BenchRows rows_of_readings(const Experiment& experiment, const BenchModel& model, const Trials& trials);
 
-/// Readings as rows of a static protocol.
-struct StaticBench {
-  std::unique_ptr<StaticProtocol> protocol;
-  std::vector<Cable> cables;
-  const Contact* contact = nullptr;  ///< of its model, in 2D
-  std::vector<int> row_of_reading;
-  std::vector<Measurement> measurements;
+/// Readings at rest: loads, prescribed displacements and retractions in the columns of one file. With
+/// model = "rigid_segments" or "solid" that model is the full one here.
+class StaticBench final : public Bench {
+ public:
+  /// Throws InputError.
+  StaticBench(Experiment experiment, Trials trials);
+
+  void predict_by(ModelChoice choice) { choice_ = std::move(choice); }
+  /// How better starts of a fit are found.
+  using Starts =
+      std::function<std::vector<FreeParameter>(const Experiment&, const Trials&, const std::vector<FreeParameter>&)>;
+  void start_by(Starts starts) { starts_ = std::move(starts); }
+  const Trials& trials() const { return trials_; }
+  const Trials* trials_at_rest() const override { return &trials_; }
+  const StaticReplay& full() const { return replay_; }
+
+  Protocol& protocol() const override { return choice_.protocol ? *choice_.protocol : *replay_.protocol; }
+  std::vector<FreeParameter> better_starts(const std::vector<FreeParameter>& free) const override {
+    return starts_ ? starts_(experiment_, trials_, free) : free;
+  }
+  std::vector<CurveRecord> curves(const Params& p, const std::vector<FreeParameter>& free,
+                                  const Eigen::MatrixXd& covariance, const Ask& ask) const override;
+  std::unique_ptr<Bench> with(const VariantSettings& variant) const override;
+  std::unique_ptr<Bench> part(size_t control, double held) const override;
+  std::unique_ptr<Bench> at_loads(const std::string& path) const override;
+  std::vector<double> values_of(size_t control) const override;
+  std::string model_text() const override { return model_text_; }
+  int unknowns() const override { return replay_.protocol->scene().model->free_unknowns(); }
+  std::string size_text() const override;
+  Lines describe() const override;
+  std::vector<std::string> warnings_before() const override;
+  std::vector<std::string> warnings_after() const override;
+  std::string choice() const override { return choice_.sentence; }
+  bool one_model() const override { return !choice_.protocol; }
+  std::string compare_models(const Params& p, const Eigen::VectorXd& values, double seconds) const override;
+  SolvedStates states() const override;
+  std::vector<CableState> cable_states() const override;
+  std::vector<TangentStiffness> tangent_stiffness() const override;
+  double as_force(size_t control, double value) const override;
+  std::string effort() const override;
+
+ private:
+  void find_axes();
+  void find_readings();
+  std::string series_of(const std::vector<double>& controls) const;
+  std::string describe_controls(const std::vector<double>& controls) const;
+  std::vector<double> curve_loads() const;
+  Lines load_lines() const;
+  std::string cables_text() const;
+  std::string contact_text() const;
+
+  Trials trials_;
+  StaticReplay replay_;
+  ModelChoice choice_;
+  Starts starts_;
+  std::string model_text_;
 };
-StaticBench make_static_bench(const Experiment& experiment, const MeshSettings& settings, const Trials& trials);
-
-/// The experiment's free parameters with starts and bounds filled in from the model. Throws InputError for unknown ids,
-/// a start outside its bounds, and bounds outside the physical range.
-std::vector<FreeParameter> free_parameters(const Experiment& experiment, const Protocol& protocol);
-
-/// A load as a force [N] for figures: itself, a mass times gravity; other quantities as they are.
-double load_in_newtons(const Experiment& experiment, Quantity quantity, double value_si);
 
 }  // namespace taut

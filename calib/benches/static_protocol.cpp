@@ -3,11 +3,13 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <exception>
 #include <limits>
 #include <map>
 #include <thread>
 
+#include "calib/fit/bytes.hpp"
 #include "sim/core/units.hpp"
 #include "sim/terms/solid.hpp"
 
@@ -44,6 +46,13 @@ std::vector<double> StaticProtocol::before_loads(std::vector<double> controls) c
       controls[k] = 0;
   }
   return controls;
+}
+
+/// Whether a parameter is a load of the rows: in their unloaded states it is zero, whatever it is in the row.
+bool StaticProtocol::held_when_unloaded(int index) const {
+  const auto found = std::find(controls_.begin(), controls_.end(), index);
+  return found != controls_.end() && std::find(options_.set_first.begin(), options_.set_first.end(),
+                                               found - controls_.begin()) == options_.set_first.end();
 }
 
 void StaticProtocol::make_paths() {
@@ -95,6 +104,41 @@ void StaticProtocol::make_paths() {
 
 void StaticProtocol::forget() {
   for (Condition& condition : conditions_) condition.solved = false;
+}
+
+/// What solve_condition() starts from: the last equilibria with their sensitivities, and the contacts that the Hessians
+/// have room for, path by path in the order of their first conditions.
+std::string StaticProtocol::state() const {
+  ByteWriter out;
+  for (const Condition& condition : conditions_) {
+    out.put(condition.solved);
+    out.put(condition.p);
+    out.put(condition.u);
+    out.put(condition.sensitivities);
+    out.put(condition.sensitivity_of);
+  }
+  std::map<int, const Path*> paths;
+  for (const Path& path : paths_) paths[path.conditions.front()] = &path;
+  for (const auto& [first, path] : paths)
+    out.put(path->equilibrium ? path->equilibrium->couplings() : std::vector<std::array<int, 2>>());
+  return out.bytes();
+}
+
+void StaticProtocol::restore(const std::string& state) {
+  ByteReader in(state);
+  for (Condition& condition : conditions_) {
+    condition.solved = in.get<bool>();
+    condition.p = in.vector();
+    condition.u = in.vector();
+    condition.sensitivities = in.matrix();
+    condition.sensitivity_of = in.list<int>();
+  }
+  std::map<int, Path*> paths;
+  for (Path& path : paths_) paths[path.conditions.front()] = &path;
+  for (const auto& [first, path] : paths) {
+    path->equilibrium = std::make_unique<Equilibrium>(*scene_.model, options_.equilibrium);
+    path->equilibrium->expect(in.list<std::array<int, 2>>());
+  }
 }
 
 std::string StaticProtocol::describe(const Condition& condition) const {
@@ -246,9 +290,12 @@ Prediction StaticProtocol::predict(const Params& p, const std::vector<int>& free
     if (unloaded != nullptr) {
       const Point before{unloaded->u, unloaded->p};
       prediction.values[r] -= channel.value(before);
-      if (k > 0) prediction.derivatives.row(r) -= channel.gradient(before).transpose() * unloaded->sensitivities;
-      for (Eigen::Index i = 0; i < k; ++i)
-        prediction.derivatives(r, i) -= channel.parameter_derivative(before, free[static_cast<size_t>(i)]);
+      const Eigen::VectorXd gradient = channel.gradient(before);
+      for (Eigen::Index i = 0; i < k; ++i) {
+        if (held_when_unloaded(free[static_cast<size_t>(i)])) continue;
+        prediction.derivatives(r, i) -= gradient.dot(unloaded->sensitivities.col(i)) +
+                                        channel.parameter_derivative(before, free[static_cast<size_t>(i)]);
+      }
     }
     if (row.offset < 0) continue;
     prediction.values[r] += p[row.offset];

@@ -49,6 +49,8 @@ class StaticProtocol final : public Protocol {
   int row_count() const override { return static_cast<int>(rows_.size()); }
   Prediction predict(const Params& p, const std::vector<int>& free) override;
   void forget() override;
+  std::string state() const override;
+  void restore(const std::string& state) override;
   void begin_search() override { polish_ = Polish::search; }
   void end_search() override { polish_ = Polish::full; }
 
@@ -86,6 +88,7 @@ class StaticProtocol final : public Protocol {
   int condition_with(const std::vector<double>& controls);
   std::vector<double> before_loads(std::vector<double> controls) const;
   void make_paths();
+  bool held_when_unloaded(int index) const;
   void solve_path(Path& path, const Params& p, const std::vector<int>& free);
   void solve_condition(Condition& condition, const Params& p, const std::vector<int>& free,
                        Equilibrium& equilibrium) const;

@@ -7,7 +7,7 @@
 #include <limits>
 #include <optional>
 
-#include "calib/benches/static_bench.hpp"
+#include "calib/benches/static_replay.hpp"
 #include "sim/core/error.hpp"
 #include "sim/materials/all.hpp"
 #include "sim/terms/solid.hpp"
@@ -124,8 +124,8 @@ Prediction UniaxialProtocol::predict(const Params& p, const std::vector<int>& fr
   return prediction;
 }
 
-UniaxialBench make_uniaxial_bench(const BenchFormat& format, const Trials& trials) {
-  UniaxialBench bench;
+PointReplay make_point_replay(const BenchFormat& format, const Trials& trials) {
+  PointReplay bench;
   for (const Reading& reading : trials.readings) {
     const PointMode mode = mode_named(trials.channel_ids[static_cast<size_t>(reading.channel)]);
     const double strain = reading.controls.front();

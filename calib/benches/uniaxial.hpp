@@ -45,13 +45,13 @@ class UniaxialProtocol final : public Protocol {
 };
 
 /// Readings of a bench as rows: one per distinct (mode, strain), readings of one row are repeats.
-struct UniaxialBench {
+struct PointReplay {
   std::vector<PointRow> rows;
   std::vector<Measurement> measurements;  ///< one per reading
 };
 
 /// Throws InputError for tension with a negative and compression with a positive strain, and strains of -100 % or less.
-UniaxialBench make_uniaxial_bench(const BenchFormat& format, const Trials& trials);
+PointReplay make_point_replay(const BenchFormat& format, const Trials& trials);
 
 /// The free parameters of `experiment` that the protocol's law has, with starts and bounds. Throws as free_parameters()
 /// does.

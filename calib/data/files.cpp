@@ -3,8 +3,10 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <openssl/evp.h>
+#include <sys/file.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cerrno>
 #include <cstring>
@@ -37,15 +39,35 @@ void for_each_block(const std::string& path, Use&& use) {
                                path, std::strerror(error)));
 }
 
+void make_folder_of(const std::string& path) {
+  const std::filesystem::path folder = std::filesystem::path(path).parent_path();
+  std::error_code error;
+  if (!folder.empty()) std::filesystem::create_directories(folder, error);
+  if (error) cannot_write(path, error.value());
+}
+
+/// Writes all of a text and waits until it is on the disk. Returns the error's number, 0: none.
+int write_out(int file, const std::string& text) {
+  size_t written = 0;
+  while (written < text.size()) {
+    const ssize_t n = write(file, text.data() + written, text.size() - written);
+    if (n < 0 && errno != EINTR) return errno;
+    written += static_cast<size_t>(std::max<ssize_t>(n, 0));
+  }
+  return fsync(file) == 0 || errno == EINVAL ? 0 : errno;  // EINVAL: a file system without fsync
+}
+
+/// Where the last whole line of a file ends.
+off_t end_of_lines(int file) {
+  off_t end = lseek(file, 0, SEEK_END);
+  for (char last = 0; end > 0 && pread(file, &last, 1, end - 1) == 1 && last != '\n';) --end;
+  return end;
+}
+
 }  // namespace
 
 void write_file(const std::string& path, const std::string& text) {
-  const std::filesystem::path folder = std::filesystem::path(path).parent_path();
-  if (!folder.empty()) {
-    std::error_code error;
-    std::filesystem::create_directories(folder, error);
-    if (error) cannot_write(path, error.value());
-  }
+  make_folder_of(path);
   static std::atomic<unsigned> count = 0;
   const std::string temporary = fmt::format("{}.{}-{}.tmp", path, getpid(), count++);
   const int file = open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
@@ -54,20 +76,22 @@ void write_file(const std::string& path, const std::string& text) {
     unlink(temporary.c_str());
     cannot_write(path, error);
   };
-  size_t written = 0;
-  int error = 0;
-  while (written < text.size() && error == 0) {
-    const ssize_t n = write(file, text.data() + written, text.size() - written);
-    if (n >= 0) {
-      written += static_cast<size_t>(n);
-    } else if (errno != EINTR) {
-      error = errno;
-    }
-  }
-  if (error == 0 && fsync(file) != 0 && errno != EINVAL) error = errno;  // EINVAL: a file system without fsync
+  int error = write_out(file, text);
   if (close(file) != 0 && error == 0) error = errno;
   if (error != 0) give_up(error);
   if (std::rename(temporary.c_str(), path.c_str()) != 0) give_up(errno);
+}
+
+void append_line(const std::string& path, const std::string& header, const std::string& line) {
+  make_folder_of(path);
+  const int file = open(path.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
+  if (file < 0) cannot_write(path, errno);
+  flock(file, LOCK_EX);  // lasts until the file is closed
+  const off_t end = end_of_lines(file);
+  int error = ftruncate(file, end) == 0 ? write_out(file, (end == 0 ? header + "\n" : "") + line + "\n") : errno;
+  if (error != 0 && ftruncate(file, end) != 0) error = errno;
+  close(file);
+  if (error != 0) cannot_write(path, error);
 }
 
 std::string read_file(const std::string& path) {

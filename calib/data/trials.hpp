@@ -55,7 +55,9 @@ struct Trials {
   std::vector<Quantity> control_quantities;      ///< e.g. mass for "mass_g": the caller turns masses into forces
   std::vector<std::string> channel_ids;
   std::vector<Reading> readings;
-  std::vector<std::string> remarks;  ///< what was recognised, for people: "semicolons and decimal commas", "BOM", ...
+  /// For people: first the count of conditions, channels and trials, then what was recognised ("semicolons and decimal
+  /// commas", "BOM", ...).
+  std::vector<std::string> remarks;
 };
 
 /// Reads a bench CSV file (fast-cpp-csv-parser). Comma, semicolon or tab separated, decimal point or (not with comma

@@ -7,7 +7,9 @@
 #include <set>
 
 #include "calib/files/recordings_file.hpp"
+#include "calib/files/uniaxial_file.hpp"
 #include "sim/core/error.hpp"
+#include "sim/files/geometry_file.hpp"
 #include "sim/files/tables.hpp"
 
 namespace taut {
@@ -30,21 +32,17 @@ LoadSettings read_load(TableReader& table, const GeometrySettings& geometry) {
   if (table.has("column") == table.has("value"))
     table.fail("", "give either 'column' (of the bench file) or 'value' (a constant load)");
   if (table.has("column")) {
+    load.control = load.id;
     load.column = table.text("column");
     load.quantity = parse_header(load.column, load_quantities, table.where("column")).quantity;
   } else {
     const std::string value = table.text("value");
-    const size_t blank = value.rfind(' ');
-    const std::string unit = blank == std::string::npos ? "" : value.substr(blank + 1);
-    const auto found = std::find_if(load_quantities.begin(), load_quantities.end(), [&](Quantity quantity) {
-      const std::vector<std::string> units = units_of(quantity);
-      return std::find(units.begin(), units.end(), unit) != units.end();
-    });
-    if (found == load_quantities.end())
+    const auto quantity = quantity_of_text(value, load_quantities);
+    if (!quantity)
       table.fail("value", fmt::format("'{}' is not a load; give a force (\"2 N\"), a mass (\"100 g\"), a traction (\"3 "
                                       "kPa\") or a line load (\"5 N/m\")",
                                       value));
-    load.quantity = *found;
+    load.quantity = *quantity;
     load.value = parse_quantity(value, load.quantity, table.where("value"));
   }
   if (load.quantity == Quantity::pressure && !load.point.empty())
@@ -55,41 +53,41 @@ LoadSettings read_load(TableReader& table, const GeometrySettings& geometry) {
   return load;
 }
 
-ChannelSettings read_channel(TableReader& table, const GeometrySettings& geometry, BenchFormat::Channel& bench) {
-  const size_t d = static_cast<size_t>(geometry.dimension);
-  ChannelSettings channel;
-  bench.id = channel.id = table.text("id");
+/// Where a displacement or a position is measured.
+void read_place(TableReader& table, size_t dimension, ChannelSettings& channel) {
   if (table.has("point") == table.has("on"))
     table.fail("",
                "give either 'point' (a material point) or 'on' (the mean over a tag) as the place that is measured");
-  if (table.has("point")) channel.point = table.quantities("point", Quantity::length, d);
+  if (table.has("point")) channel.point = table.quantities("point", Quantity::length, dimension);
   if (table.has("on")) channel.on = table.text("on");
-  if (table.has("standoff")) {
-    if (channel.point.empty()) table.fail("standoff", "a stand-off needs 'point', the foot it stands on");
-    channel.standoff = table.quantities("standoff", Quantity::length, d);
-    channel.turns_with = table.text("turns_with");
-  }
-  channel.direction = direction_of(table, geometry.dimension);
+  if (!table.has("standoff")) return;
+  if (channel.point.empty()) table.fail("standoff", "a stand-off needs 'point', the foot it stands on");
+  channel.standoff = table.quantities("standoff", Quantity::length, dimension);
+  channel.turns_with = table.text("turns_with");
+}
+
+void read_channel(TableReader& table, Experiment& experiment) {
+  using Kind = ChannelSettings::Kind;
+  const int d = experiment.geometry.dimension;
+  ChannelSettings channel =
+      read_channel(table, experiment, d,
+                   {Kind::displacement, Kind::position, Kind::rotation, Kind::tension, Kind::length, Kind::reaction});
+  if (channel.of_place()) read_place(table, static_cast<size_t>(d), channel);
+  if (channel.kind == Kind::rotation || channel.kind == Kind::reaction) channel.on = table.text("on");
+  BenchFormat::Channel& bench = experiment.bench.channels.emplace_back();
+  bench.id = channel.id;
+  bench.quantity = quantity_of_si_unit(unit_of(channel.kind));
   bench.column = table.text("column", "");
   if (auto noise = table.optional_table("noise")) {
-    bench.noise.absolute = noise->optional_quantity("absolute", Quantity::length).value_or(0);
+    bench.noise.absolute = noise->optional_quantity("absolute", bench.quantity).value_or(0);
     bench.noise.relative = noise->optional_quantity("relative", Quantity::pure).value_or(0);
-    bench.noise.resolution = noise->optional_quantity("resolution", Quantity::length).value_or(0);
+    bench.noise.resolution = noise->optional_quantity("resolution", bench.quantity).value_or(0);
     if (bench.noise.absolute < 0 || bench.noise.relative < 0 || bench.noise.resolution < 0)
       noise->fail("", "noise must not be negative");
     noise->finish();
   }
   table.finish();
-  return channel;
-}
-
-/// The text of a key, which has to be one of `ids`; `what` says what they are.
-std::string one_of(TableReader& table, std::string_view key, const std::vector<std::string>& ids,
-                   std::string_view what) {
-  const std::string id = table.text(key);
-  if (std::find(ids.begin(), ids.end(), id) == ids.end())
-    table.fail(key, fmt::format("'{}' is not {}{}; allowed: {}", id, what, did_you_mean(id, ids), join(ids)));
-  return id;
+  experiment.channels.push_back(std::move(channel));
 }
 
 /// The control id of a retraction's column; the same column retracts several cables.
@@ -101,6 +99,44 @@ std::string retraction_control(TableReader& table, CablesSettings& cables) {
     table.fail("retraction",
                fmt::format("'{}' and '{}' are the same retraction in two units; name one column", known, column));
   return id;
+}
+
+void read_gravity(TableReader table, Experiment& experiment) {
+  experiment.gravity = table.optional_quantity("acceleration", Quantity::acceleration).value_or(9.81);
+  if (!(experiment.gravity > 0))
+    table.fail("acceleration", "the acceleration must be positive; its direction is given by 'direction'");
+  if (table.boolean("self_weight", true)) {
+    experiment.gravity_direction = direction_of(table, experiment.geometry.dimension);
+    if (std::none_of(experiment.materials.begin(), experiment.materials.end(),
+                     [](const MaterialSettings& m) { return m.density.has_value(); })) {
+      table.fail("",
+                 "self-weight needs a density; add density = \"1070 kg/m3\" to the materials that have weight, or "
+                 "set self_weight = false");
+    }
+  } else if (table.has("direction")) {
+    direction_of(table, experiment.geometry.dimension);
+  }
+  table.finish();
+}
+
+void read_support(TableReader& table, Experiment& experiment) {
+  const int d = experiment.geometry.dimension;
+  SupportSettings support;
+  support.on = table.text("on");
+  for (const std::string& name : table.texts_or_none("fix")) support.fix.push_back(component_of(table, "fix", name, d));
+  if (table.has("move")) {
+    support.component = component_of(table, "move", table.text("move"), d);
+    support.control = table.text("id");
+    support.column = table.text("column");
+  }
+  support.rotation_stiffness = table.optional_quantity("rotation_stiffness", Quantity::rotation_stiffness);
+  if (support.rotation_stiffness && (!(*support.rotation_stiffness > 0) || d != 2 || !support.fix.empty()))
+    table.fail("rotation_stiffness", "an elastic clamp is positive, stands in a 2D model and takes the place of 'fix'");
+  if (support.fix.empty() && support.control.empty() && !support.rotation_stiffness)
+    table.fail("",
+               "a support needs 'fix' (a list of components), 'move' with 'id' and 'column', or 'rotation_stiffness'");
+  table.finish();
+  experiment.supports.push_back(support);
 }
 
 void read_cables(TableReader table, Experiment& experiment) {
@@ -115,6 +151,8 @@ void read_cables(TableReader table, Experiment& experiment) {
   cables.slack = table.optional_quantity("slack", Quantity::length).value_or(0);
   cables.smoothing = table.optional_quantity("smoothing", Quantity::length).value_or(cables.smoothing);
   if (cables.smoothing < 0) table.fail("smoothing", "a length of zero or more belongs here");
+  const std::vector<std::string> own =
+      geometry.shape->defaults().cables ? geometry.shape->cable_names() : std::vector<std::string>{};
   const std::string common = table.has("retraction") ? retraction_control(table, cables) : "";
   for (TableReader& one : table.tables("cable")) {
     CableSettings cable;
@@ -124,36 +162,31 @@ void read_cables(TableReader table, Experiment& experiment) {
         one.fail("id", fmt::format("the cable '{}' is there already; choose another id", cable.id));
     }
     cable.control = one.has("retraction") ? retraction_control(one, cables) : common;
-    if (geometry.kind == "push_puppet" && !one.has("x")) {
-      if (cable.id != "upper" && cable.id != "lower")
-        one.fail("id", fmt::format("'{}' has no points; the module's own cables are upper and lower, others need x and "
-                                   "y",
-                                   cable.id));
+    if (!own.empty() && !one.has("x")) {
+      if (std::find(own.begin(), own.end(), cable.id) == own.end())
+        one.fail("id", fmt::format("'{}' has no points; the module's own cables are {}, others need x and y", cable.id,
+                                   join(own, " and ")));
+      for (const Eigen::VectorXd& point : own_cable(geometry, cable.id))
+        cable.points.emplace_back(point.begin(), point.end());
     } else {
-      cable.points = read_points(one, geometry.dimension);
-      if (cable.points.size() < 2) one.fail("x", "a cable needs at least two points");
-      const std::string fixed = one.choice("fixed", {"start", "end", "both", "none"});
-      cable.start_fixed = fixed == "start" || fixed == "both";
-      cable.end_fixed = fixed == "end" || fixed == "both";
+      read_cable_points(one, geometry.dimension, {"start", "end", "both", "none"}, cable);
     }
     one.finish();
     cables.cables.push_back(cable);
   }
-  if (cables.cables.empty() && geometry.kind == "push_puppet") {
-    for (const char* id : {"upper", "lower"})
-      cables.cables.emplace_back().id = id, cables.cables.back().control = common;
+  if (cables.cables.empty()) {
+    for (const std::string& id : own) {
+      CableSettings& cable = cables.cables.emplace_back();
+      cable.id = id;
+      cable.control = common;
+      for (const Eigen::VectorXd& point : own_cable(geometry, id))
+        cable.points.emplace_back(point.begin(), point.end());
+    }
   }
   if (!common.empty() && std::none_of(cables.cables.begin(), cables.cables.end(),
                                       [&](const CableSettings& cable) { return cable.control == common; }))
     table.fail("retraction", "every cable has a retraction of its own, so this one moves nothing; remove it");
   if (cables.cables.empty()) table.fail("", "there is no cable; add [[cables.cable]] with id, x and y");
-  if (geometry.kind == "push_puppet") {
-    for (CableSettings& cable : cables.cables) {
-      if (!cable.points.empty()) continue;
-      for (const Eigen::Vector2d& point : cable_path(geometry.puppet, cable.id == "upper" ? 1 : -1))
-        cable.points.push_back({point[0], point[1]});
-    }
-  }
   table.finish();
 }
 
@@ -162,7 +195,7 @@ void read_contact(TableReader table, Experiment& experiment) {
   contact.on = table.boolean("on", true);
   if (!contact.on) return table.finish();  // keys that would have no effect are refused
   if (experiment.geometry.dimension != 2) table.fail("", "contact is for 2D geometries; remove [contact]");
-  if (experiment.geometry.kind == "push_puppet") contact.compensate = table.boolean("compensate", true);
+  if (experiment.geometry.shape->defaults().contact) contact.compensate = table.boolean("compensate", true);
   const std::string form = table.choice("form", {"length_weighted", "pair_sum", "pair_sum_dedup"});
   if (form != "length_weighted") {
     contact.form = form == "pair_sum" ? ContactForm::pair_sum : ContactForm::pair_sum_dedup;
@@ -171,19 +204,7 @@ void read_contact(TableReader table, Experiment& experiment) {
   } else if (table.has("stiffness")) {
     table.fail("stiffness", "the barrier's stiffness is set from materials and loads; only the pair sums take one");
   }
-  for (TableReader& one : table.tables("obstacle")) {
-    std::vector<Eigen::Vector2d>& line = contact.obstacles.emplace_back();
-    for (const std::vector<double>& point : read_points(one, 2)) line.emplace_back(point[0], point[1]);
-    if (line.size() < 2) one.fail("x", "an obstacle needs at least two points");
-    one.finish();
-  }
-  for (TableReader& one : table.tables("ground")) {
-    const std::vector<double> point = one.quantities("point", Quantity::length, 2), normal = one.numbers("normal", 2);
-    const Eigen::Vector2d n(normal[0], normal[1]);
-    if (!(n.norm() > 0)) one.fail("normal", "the normal must not be all zeros; it points to where things may be");
-    contact.grounds.push_back({{point[0], point[1]}, n.normalized()});
-    one.finish();
-  }
+  read_surroundings(table, 2, contact);
   table.finish();
 }
 
@@ -201,9 +222,20 @@ void read_bench(TableReader table, Experiment& experiment) {
   if (!experiment.zero_offset_per.empty()) {
     std::vector<std::string> ids;
     for (const BenchFormat::Control& control : bench.controls) ids.push_back(control.id);
-    one_of(table, "zero_offset_per", ids, "set by the bench");
+    known_id(table, "zero_offset_per", ids, "set by the bench");
+    for (const BenchFormat::Channel& channel : bench.channels) {
+      if (channel.quantity != Quantity::length)
+        table.fail("zero_offset_per",
+                   fmt::format("a zero error is a length that all channels share, and '{}' is none", channel.id));
+    }
   }
   experiment.from_unloaded = table.choice("measured_from", {"rest", "unloaded"}) == "unloaded";
+  for (const ChannelSettings& channel : experiment.channels) {
+    if (experiment.from_unloaded && channel.kind == ChannelSettings::Kind::position)
+      table.fail("measured_from", fmt::format("'{}' is a position, which is measured from nowhere; make its kind "
+                                              "\"displacement\", or leave this out",
+                                              channel.id));
+  }
   table.finish();
   for (const BenchFormat::Channel& channel : bench.channels) {
     if (channel.column.empty() == bench.channel_column.empty()) {
@@ -239,12 +271,14 @@ void read_fit(TableReader table, Experiment& experiment) {
     std::vector<std::string> free, controls;
     for (const FreeSettings& settings : experiment.free) free.push_back(settings.id);
     for (const BenchFormat::Control& control : experiment.bench.controls) controls.push_back(control.id);
-    experiment.diagnostic = DiagnosticSettings{one_of(*diagnostic, "parameter", free, "a free parameter of the fit"),
-                                               one_of(*diagnostic, "per", controls, "set by the bench")};
+    experiment.diagnostic = DiagnosticSettings{known_id(*diagnostic, "parameter", free, "a free parameter of the fit"),
+                                               known_id(*diagnostic, "per", controls, "set by the bench")};
     diagnostic->finish();
   }
   for (TableReader& variant : table.tables("variant")) {
-    VariantSettings settings{variant.text("name"), experiment.mesh};
+    VariantSettings settings;
+    settings.name = variant.text("name");
+    settings.mesh = experiment.mesh;
     read_mesh(variant, experiment.geometry, settings.mesh);
     variant.finish();
     experiment.variants.push_back(settings);
@@ -332,11 +366,28 @@ void refuse_without_effect(const Experiment& experiment) {
 
 }  // namespace
 
+std::string_view name_of(Rung rung) {
+  switch (rung) {
+    case Rung::beam:
+      return "beam";
+    case Rung::rigid_segments:
+      return "rigid_segments";
+    case Rung::full:
+      return "full";
+    case Rung::solid:
+      return "solid";
+    case Rung::automatic:
+      return "auto";
+  }
+  return "";
+}
+
 Experiment read_experiment(const std::string& path) {
   const TomlFile file(path);
   if (file.has("simulation"))
     throw InputError(
         fmt::format("{0}: this file describes a simulation, without a bench; run `taut simulate {0}`", path));
+  if (file.text_at("geometry", "kind") == "uniaxial") return read_uniaxial(file, path);
   TableReader root = file.root();
   Experiment experiment;
   experiment.path = path;
@@ -349,53 +400,16 @@ Experiment read_experiment(const std::string& path) {
   read_model(root, experiment);
 
   experiment.geometry = read_geometry(root.table("geometry"), path);
-  const int d = experiment.geometry.dimension;
   if (auto mesh = root.optional_table("mesh")) {
     read_mesh(*mesh, experiment.geometry, experiment.mesh);
     mesh->finish();
-  } else if (experiment.geometry.kind != "msh") {
+  } else if (refinable(experiment.geometry)) {
     root.table("mesh");  // says that it is missing
   }
   experiment.materials = read_materials(root);
 
-  if (auto gravity = root.optional_table("gravity")) {
-    experiment.gravity = gravity->optional_quantity("acceleration", Quantity::acceleration).value_or(9.81);
-    if (!(experiment.gravity > 0))
-      gravity->fail("acceleration", "the acceleration must be positive; its direction is given by 'direction'");
-    if (gravity->boolean("self_weight", true)) {
-      experiment.gravity_direction = direction_of(*gravity, d);
-      if (std::none_of(experiment.materials.begin(), experiment.materials.end(),
-                       [](const MaterialSettings& m) { return m.density.has_value(); })) {
-        gravity->fail("",
-                      "self-weight needs a density; add density = \"1070 kg/m3\" to the materials that have weight, or "
-                      "set self_weight = false");
-      }
-    } else if (gravity->has("direction")) {
-      direction_of(*gravity, d);
-    }
-    gravity->finish();
-  }
-
-  for (TableReader& table : root.tables("support")) {
-    SupportSettings support;
-    support.on = table.text("on");
-    for (const std::string& name : table.texts_or_none("fix"))
-      support.fix.push_back(component_of(table, "fix", name, d));
-    if (table.has("move")) {
-      support.component = component_of(table, "move", table.text("move"), d);
-      support.control = table.text("id");
-      support.column = table.text("column");
-    }
-    support.rotation_stiffness = table.optional_quantity("rotation_stiffness", Quantity::rotation_stiffness);
-    if (support.rotation_stiffness && (!(*support.rotation_stiffness > 0) || d != 2 || !support.fix.empty()))
-      table.fail("rotation_stiffness",
-                 "an elastic clamp is positive, stands in a 2D model and takes the place of 'fix'");
-    if (support.fix.empty() && support.control.empty() && !support.rotation_stiffness)
-      table.fail(
-          "", "a support needs 'fix' (a list of components), 'move' with 'id' and 'column', or 'rotation_stiffness'");
-    table.finish();
-    experiment.supports.push_back(support);
-  }
+  if (auto gravity = root.optional_table("gravity")) read_gravity(*gravity, experiment);
+  for (TableReader& table : root.tables("support")) read_support(table, experiment);
   if (experiment.supports.empty())
     root.fail("", "there is no support; add [[support]] with on = \"TAG\" and fix = [\"x\", \"y\"]");
 
@@ -411,13 +425,10 @@ Experiment read_experiment(const std::string& path) {
   if (auto cables = root.optional_table("cables")) read_cables(*cables, experiment);
   for (const auto& [id, column] : experiment.cables.columns)
     experiment.bench.controls.push_back({id, column, {Quantity::length}});
-  experiment.contact.on = experiment.geometry.kind == "push_puppet";
+  experiment.contact.on = experiment.geometry.shape->defaults().contact;
   if (auto contact = root.optional_table("contact")) read_contact(*contact, experiment);
 
-  for (TableReader& table : root.tables("channel")) {
-    BenchFormat::Channel& bench = experiment.bench.channels.emplace_back();
-    experiment.channels.push_back(read_channel(table, experiment.geometry, bench));
-  }
+  for (TableReader& table : root.tables("channel")) read_channel(table, experiment);
   if (experiment.channels.empty())
     root.fail("", "there is no channel; add [[channel]] for what is measured, with id, point or on, and direction");
   refuse_repeated_ids(experiment);
@@ -435,6 +446,30 @@ Experiment read_experiment(const std::string& path) {
   if (auto figures = root.optional_table("figures")) read_figures(*figures, experiment);
   refuse_without_effect(experiment);
   root.finish();
+  return experiment;
+}
+
+std::vector<RunInput> inputs_of(const Experiment& experiment) {
+  std::vector<RunInput> files{{experiment.path, "experiment.toml"}};
+  if (experiment.recordings) {
+    for (const RecordingSettings& recording : experiment.recordings->recordings)
+      files.push_back({recording.path, recording.id + ".csv"});
+  } else {
+    files.push_back({experiment.bench.path, "data.csv"});
+  }
+  if (const std::string mesh = input_file(experiment.geometry); !mesh.empty()) files.push_back({mesh, "mesh.msh"});
+  return files;
+}
+
+Experiment read_copies(const std::string& folder) {
+  const auto in_folder = [&](const std::string& name) { return (fs::path(folder) / name).string(); };
+  Experiment experiment = read_experiment(in_folder("experiment.toml"));
+  experiment.bench.path = in_folder("data.csv");
+  if (!input_file(experiment.geometry).empty()) set_input_file(experiment.geometry, in_folder("mesh.msh"));
+  if (experiment.recordings) {
+    for (RecordingSettings& recording : experiment.recordings->recordings)
+      recording.path = in_folder(recording.id + ".csv");
+  }
   return experiment;
 }
 

@@ -8,6 +8,7 @@
 #include "calib/data/trials.hpp"
 #include "sim/scene/setup.hpp"
 #include "sim/solve/equilibrium.hpp"
+#include "sim/solve/time_stepper.hpp"
 
 namespace taut {
 
@@ -16,9 +17,14 @@ struct FreeSettings {
   std::optional<GivenValue> start, lower, upper;
 };
 
+/// A [[fit.variant]]: the same fit with another mesh; of a material point with another law, or with the readings of
+/// some modes only.
 struct VariantSettings {
   std::string name;
   MeshSettings mesh;
+  std::string law;                          ///< of a material point
+  std::map<std::string, double> constants;  ///< its constants, SI
+  std::vector<std::string> modes;           ///< "tension", "compression", "shear"
 };
 
 /// [fit.diagnostic]: the parameter fitted to the readings of each value of a control alone, the others held.
@@ -41,7 +47,7 @@ struct RecordingSettings {
   double release = 0;                   ///< [s] on the recording's clock
   double from = -std::numeric_limits<double>::infinity(), until = std::numeric_limits<double>::infinity();  ///< [s]
   int every = 1;
-  double sigma = 0;  ///< [m]; 0: the channels' noise
+  double sigma = 0;  ///< SI unit of the channels; 0: their noise
 };
 
 /// [bench] with kind = "recordings".
@@ -50,6 +56,12 @@ struct RecordingsSettings {
   bool from_mean_before = false;      ///< displacements are measured from the mean before time zero
   std::vector<std::string> per_case;  ///< parameters that each case has for itself
   std::vector<RecordingSettings> recordings;
+};
+
+/// [dynamics]: how recordings are replayed.
+struct DynamicsSettings {
+  Integrator integrator = Integrator::bdf2;
+  double step = 0;  ///< [s]
 };
 
 /// `model`: how much of an experiment is modelled. From cheap to full; see calib/ladder.hpp.
@@ -61,23 +73,20 @@ enum class Rung {
   automatic        ///< the first of these that is good enough, row by row
 };
 
-/// One experiment as its TOML file describes it, checked key by key; SI units inside.
-struct Experiment {
-  std::string path;  ///< of the TOML file
+/// "beam", "rigid_segments", "full", "solid", "auto": as experiment files spell them.
+std::string_view name_of(Rung rung);
+
+/// One experiment as its TOML file describes it, checked key by key; SI units inside. Its body and its controls become
+/// part of the setup when a model is made: with which mesh, and what the bench file's columns hold, is known only then
+/// (setup_of() in calib/benches/model.hpp).
+struct Experiment : Setup {
   std::string title;
   Rung model = Rung::full;
-  double tolerance = 0.02;  ///< of model = "auto": the largest relative change by the next rung that is left aside
-  bool simulated = false;   ///< data = "simulated": said wherever the data are shown
+  double tolerance = 0.02;      ///< of model = "auto": the largest relative change by the next rung that is left aside
+  bool simulated = false;       ///< data = "simulated": said wherever the data are shown
+  bool material_point = false;  ///< geometry kind "uniaxial": homogeneous tests, without a mesh
   GeometrySettings geometry;
   MeshSettings mesh;
-  std::vector<MaterialSettings> materials;
-  std::vector<SupportSettings> supports;
-  std::vector<LoadSettings> loads;
-  std::vector<ChannelSettings> channels;
-  double gravity = 9.81;
-  std::vector<double> gravity_direction;  ///< empty: no self-weight
-  CablesSettings cables;
-  SurfaceSettings contact;
   BenchFormat bench;
   std::optional<RecordingsSettings> recordings;  ///< instead of a bench file of readings at rest
   DynamicsSettings dynamics;                     ///< of recordings
@@ -97,5 +106,14 @@ struct Experiment {
 /// Reads and checks an experiment file. Paths in it are relative to it. Throws InputError with file, line, what is
 /// wrong, what is allowed and the nearest known name.
 Experiment read_experiment(const std::string& path);
+
+/// A file that an experiment is read from, and the name of its copy in a run folder.
+struct RunInput {
+  std::string path, copy;
+};
+/// The experiment's own file first, then readings and mesh.
+std::vector<RunInput> inputs_of(const Experiment& experiment);
+/// The experiment with its inputs taken from the copies in `folder`.
+Experiment read_copies(const std::string& folder);
 
 }  // namespace taut

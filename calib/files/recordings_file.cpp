@@ -17,28 +17,31 @@ void read_dynamics(TableReader& root, Experiment& experiment) {
       table.choice("integrator", {"bdf2", "implicit_euler"}) == "bdf2" ? Integrator::bdf2 : Integrator::implicit_euler;
   dynamics.step = table.quantity("step", Quantity::time);
   if (!(dynamics.step > 0)) table.fail("step", "the step must be positive");
-  dynamics.mass = table.choice("mass", {"consistent", "lumped"}) == "lumped" ? MassForm::lumped : MassForm::consistent;
+  experiment.mass = read_mass_form(table);
   table.finish();
-  std::vector<std::string> regions;
   for (const MaterialSettings& material : experiment.materials) {
-    regions.push_back(material.region);
     if (!material.density)
       throw InputError(
           fmt::format("{}: [materials.{}]: recordings over time need a density; add for example density = "
                       "\"1070 kg/m3\"",
                       experiment.path, material.region));
   }
-  for (auto& [region, damping] : root.named_tables("damping")) {
-    if (std::find(regions.begin(), regions.end(), region) == regions.end())
-      damping.fail("", fmt::format("there is no material '{}'{}; allowed: {}", region, did_you_mean(region, regions),
-                                   join(regions)));
-    if (const auto mass = damping.optional_quantity("mass", Quantity::frequency)) dynamics.mass_damping[region] = *mass;
-    if (const auto stiffness = damping.optional_quantity("stiffness", Quantity::time))
-      dynamics.stiffness_damping[region] = *stiffness;
-    for (const auto* values : {&dynamics.mass_damping, &dynamics.stiffness_damping}) {
-      if (values->count(region) > 0 && values->at(region) < 0) damping.fail("", "damping must not be negative");
-    }
-    damping.finish();
+  read_damping(root, experiment);
+}
+
+/// Channels whose readings over time would not be what the model shows.
+void check_channels(const TableReader& table, const Experiment& experiment) {
+  using Kind = ChannelSettings::Kind;
+  for (const ChannelSettings& channel : experiment.channels) {
+    if (channel.kind == Kind::reaction)
+      throw InputError(
+          fmt::format("{}: [[channel]] '{}': a reaction is that of an equilibrium, without what inertia "
+                      "adds; recordings take other kinds",
+                      experiment.path, channel.id));
+    const bool from_rest = channel.kind == Kind::displacement || channel.kind == Kind::rotation;
+    if (experiment.recordings->from_mean_before && !from_rest)
+      table.fail("reference", fmt::format("'{}' is a {}, which is not measured from rest; leave this out", channel.id,
+                                          name_of(channel.kind)));
   }
 }
 
@@ -55,11 +58,17 @@ std::map<std::string, double> read_values(TableReader& table, std::string_view k
 }
 
 /// Keys that [bench] gives for all recordings, and each of them for itself.
-void read_window(TableReader& table, RecordingSettings& settings) {
+void read_window(TableReader& table, const BenchFormat& bench, RecordingSettings& settings) {
   if (const auto from = table.optional_quantity("from", Quantity::time)) settings.from = *from;
   if (const auto until = table.optional_quantity("until", Quantity::time)) settings.until = *until;
   settings.every = table.integer("every", settings.every, 1);
-  if (const auto sigma = table.optional_quantity("sigma", Quantity::length)) {
+  const Quantity quantity = bench.channels.front().quantity;
+  if (const auto sigma = table.optional_quantity("sigma", quantity)) {
+    for (const BenchFormat::Channel& channel : bench.channels) {
+      if (channel.quantity != quantity)
+        table.fail("sigma", fmt::format("'{}' and '{}' are different quantities; give each [[channel]] its noise",
+                                        bench.channels.front().id, channel.id));
+    }
     if (!(*sigma > 0)) table.fail("sigma", "a standard deviation is positive");
     settings.sigma = *sigma;
   }
@@ -74,7 +83,7 @@ RecordingSettings read_recording(TableReader& table, const RecordingSettings& co
   recording.loads = read_values(table, "loads", experiment);
   recording.held = read_values(table, "held", experiment);
   recording.release = table.optional_quantity("release", Quantity::time).value_or(0);
-  read_window(table, recording);
+  read_window(table, experiment.bench, recording);
   if (!(recording.from < recording.until)) table.fail("", "'from' must be earlier than 'until'");
   for (const auto& [id, value] : recording.held) {
     if (recording.loads.count(id) > 0)
@@ -99,18 +108,9 @@ std::map<std::string, double> material_values(const Experiment& experiment) {
   for (const MaterialSettings& material : experiment.materials) {
     for (const auto& [id, value] : material.constants) values[id + "_" + material.region] = value;
   }
-  for (const auto& [region, value] : experiment.dynamics.mass_damping) values["mass_damping_" + region] = value;
-  for (const auto& [region, value] : experiment.dynamics.stiffness_damping)
-    values["stiffness_damping_" + region] = value;
+  for (const auto& [region, value] : experiment.mass_damping) values["mass_damping_" + region] = value;
+  for (const auto& [region, value] : experiment.stiffness_damping) values["stiffness_damping_" + region] = value;
   return values;
-}
-
-bool has_recordings(const std::string& path) {
-  try {
-    return TomlFile(path).text_at("bench", "kind") == "recordings";
-  } catch (const InputError&) {
-    return false;
-  }
 }
 
 void read_recordings(TableReader table, TableReader& root, Experiment& experiment) {
@@ -118,6 +118,7 @@ void read_recordings(TableReader table, TableReader& root, Experiment& experimen
   bench.time_column = table.text("time");
   parse_header(bench.time_column, {Quantity::time}, table.where("time"));
   bench.from_mean_before = table.choice("reference", {"none", "before"}) == "before";
+  check_channels(table, experiment);
   read_dynamics(root, experiment);
   const std::map<std::string, double> values = material_values(experiment);
   std::vector<std::string> allowed;
@@ -129,7 +130,7 @@ void read_recordings(TableReader table, TableReader& root, Experiment& experimen
                                          did_you_mean(id, allowed), join(allowed)));
   }
   RecordingSettings common;
-  read_window(table, common);
+  read_window(table, experiment.bench, common);
   for (const BenchFormat::Channel& channel : experiment.bench.channels) {
     if (channel.column.empty())
       throw InputError(

@@ -7,10 +7,6 @@
 
 namespace taut {
 
-/// Whether the experiment file at `path` has a bench of recordings. False when it cannot be read: read_experiment()
-/// says why.
-bool has_recordings(const std::string& path);
-
 /// Reads [bench] with kind = "recordings", and [dynamics] and [damping.REGION] of `root`, into experiment.recordings
 /// and experiment.dynamics, and checks them against what `experiment` has already: materials, loads, channels. Throws
 /// InputError.

@@ -14,17 +14,17 @@ namespace {
 
 constexpr PointMode all_modes[] = {PointMode::tension, PointMode::compression, PointMode::shear};
 
-std::vector<PointMode> read_modes(TableReader& table) {
+std::vector<std::string> read_modes(TableReader& table) {
   std::vector<std::string> known;
   for (PointMode mode : all_modes) known.emplace_back(name_of(mode));
-  std::vector<PointMode> modes;
+  std::vector<std::string> modes;
   for (const std::string& name : table.texts_or_none("modes")) {
     if (std::find(known.begin(), known.end(), name) == known.end())
       table.fail("modes", fmt::format("'{}' is not a mode of loading{}; allowed: {}", name, did_you_mean(name, known),
                                       join(known)));
-    modes.push_back(mode_named(name));
+    modes.push_back(name);
   }
-  return modes.empty() ? std::vector<PointMode>(std::begin(all_modes), std::end(all_modes)) : modes;
+  return modes.empty() ? known : modes;
 }
 
 /// The constants of a law from `table`; those it does not have are taken from `otherwise`.
@@ -77,15 +77,15 @@ void read_bench(TableReader table, Experiment& experiment) {
   }
 }
 
-void read_fit(TableReader table, UniaxialExperiment& experiment) {
-  const MaterialSettings& material = experiment.common.materials.front();
+void read_fit(TableReader table, Experiment& experiment) {
+  const MaterialSettings& material = experiment.materials.front();
   for (auto& [id, free] : table.named_tables("free")) {
-    experiment.common.free.push_back(
+    experiment.free.push_back(
         {id, free.optional_given("start"), free.optional_given("lower"), free.optional_given("upper")});
     free.finish();
   }
   for (TableReader& entry : table.tables("variant")) {
-    UniaxialVariant variant;
+    VariantSettings variant;
     variant.name = entry.text("name");
     variant.law = material.law;
     if (entry.has("law")) variant.law = entry.choice("law", material_laws());
@@ -101,7 +101,7 @@ void read_fit(TableReader table, UniaxialExperiment& experiment) {
     reference.value = *entry.optional_given("value");
     reference.source = entry.text("source");
     entry.finish();
-    experiment.common.references.push_back(reference);
+    experiment.references.push_back(reference);
   }
   table.finish();
 }
@@ -116,28 +116,19 @@ PointMode mode_named(const std::string& name) {
   return *std::find_if(std::begin(all_modes), std::end(all_modes), [&](PointMode m) { return name_of(m) == name; });
 }
 
-bool is_uniaxial(const std::string& path) {
-  try {
-    return TomlFile(path).text_at("geometry", "kind") == "uniaxial";
-  } catch (const InputError&) {
-    return false;
-  }
-}
-
-UniaxialExperiment read_uniaxial(const std::string& path) {
-  const TomlFile file(path);
+Experiment read_uniaxial(const TomlFile& file, const std::string& path) {
   TableReader root = file.root();
-  UniaxialExperiment experiment;
-  Experiment& common = experiment.common;
-  common.path = path;
-  common.title = root.text("title");
+  Experiment experiment;
+  experiment.material_point = true;
+  experiment.path = path;
+  experiment.title = root.text("title");
   const std::string data = root.text("data");
   if (data != "measured" && data != "simulated")
     root.fail("data", fmt::format("'{}' is not known{}; allowed: measured, simulated", data,
                                   did_you_mean(data, {"measured", "simulated"})));
-  common.simulated = data == "simulated";
+  experiment.simulated = data == "simulated";
   TableReader geometry = root.table("geometry");
-  common.geometry.kind = geometry.text("kind");
+  geometry.text("kind");
   geometry.finish();
   for (auto& [region, table] : root.named_tables("materials")) {
     MaterialSettings material;
@@ -145,12 +136,12 @@ UniaxialExperiment read_uniaxial(const std::string& path) {
     material.law = table.choice("law", material_laws());
     material.constants = read_constants(table, material.law, {});
     table.finish();
-    common.materials.push_back(material);
+    experiment.materials.push_back(material);
   }
-  if (common.materials.size() != 1)
+  if (experiment.materials.size() != 1)
     root.fail("", fmt::format("a uniaxial experiment has one material, not {}; give one [materials.NAME]",
-                              common.materials.size()));
-  read_bench(root.table("bench"), common);
+                              experiment.materials.size()));
+  read_bench(root.table("bench"), experiment);
   if (auto table = root.optional_table("fit")) read_fit(std::move(*table), experiment);
   root.finish();
   return experiment;

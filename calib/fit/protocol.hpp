@@ -1,5 +1,6 @@
 #pragma once
 #include <Eigen/Core>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -32,8 +33,15 @@ class Protocol {
   /// Between begin_search() and end_search() derivatives may be off by some per cent: good enough to search by.
   virtual void begin_search() {}
   virtual void end_search() {}
+  /// What the next prediction starts from besides its parameters, as bytes; "": nothing. A protocol of the same rows
+  /// that restores them predicts the same to the bit.
+  virtual std::string state() const { return ""; }
+  virtual void restore(const std::string& /*state*/) {}
   /// Matrix factorisations since construction: what predictions cost, whatever the machine. 0 for closed forms.
   virtual int factorisations() const { return 0; }
 };
+
+/// How a prediction is had: from the protocol, or from what is known of it already.
+using Ask = std::function<Prediction(Protocol&, const Params&, const std::vector<int>& free)>;
 
 }  // namespace taut

@@ -2,7 +2,7 @@
 #include <memory>
 #include <vector>
 
-#include "calib/benches/static_bench.hpp"
+#include "calib/benches/static_replay.hpp"
 #include "calib/fit/protocol.hpp"
 
 namespace taut {
@@ -68,7 +68,7 @@ class BeamProtocol final : public Protocol {
   int factorisations_ = 0;
 };
 
-/// A bench's readings as rows of the beam model: see StaticBench.
+/// A bench's readings as rows of the beam model: see StaticReplay.
 struct BeamBench {
   std::unique_ptr<BeamProtocol> protocol;
   std::vector<int> row_of_reading;

@@ -3,24 +3,27 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <set>
 
 #include "calib/models/beam_model.hpp"
 #include "sim/core/error.hpp"
+#include "sim/core/numbers.hpp"
+#include "sim/core/stopwatch.hpp"
 #include "sim/shapes/geometry.hpp"
 
 namespace taut {
 namespace {
 
-constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr int most_solid_unknowns = 30000, most_coarse_unknowns = 20000;
 
-double seconds_since(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+/// What stands for a row.
+template <class Values>
+auto& at(Values& values, int row) {
+  return values[static_cast<size_t>(row)];
 }
 
 /// Relative change from one value to another; of values that are both zero, none.
@@ -33,11 +36,11 @@ double relative_change(double from, double to) {
 struct Rows {
   const Experiment& experiment;
   const Trials& trials;
-  const StaticBench& full;
+  const StaticReplay& full;
   std::vector<int> path;  ///< per row: the condition that its path starts from
   int count() const { return static_cast<int>(path.size()); }
 
-  Rows(const Experiment& e, const Trials& t, const StaticBench& f) : experiment(e), trials(t), full(f) {
+  Rows(const Experiment& e, const Trials& t, const StaticReplay& f) : experiment(e), trials(t), full(f) {
     path.resize(static_cast<size_t>(full.protocol->row_count()));
     const auto& conditions = full.protocol->conditions();
     for (size_t c = 0; c < conditions.size(); ++c) {
@@ -70,43 +73,40 @@ struct Rows {
 /// A rung with its values at the file's values, by rows of the full model: NaN where it was not asked.
 struct Tried {
   RungTrial trial;
-  LadderProtocol::Part part;
-  StaticBench bench;  ///< of finite elements; its protocol is in `part`
+  std::vector<int> rows;  ///< of the full model, per row of its own
+  StaticReplay bench;     ///< of finite elements
   std::vector<double> values;
-
-  StaticProtocol& elements() const { return static_cast<StaticProtocol&>(*part.protocol); }
 };
 
-void predict(Tried& tried, int rows) {
-  const auto start = std::chrono::steady_clock::now();
-  const int before = tried.part.protocol->factorisations();
-  const Prediction prediction = tried.part.protocol->predict(tried.part.protocol->nominal(), {});
-  tried.trial.seconds = seconds_since(start);
-  tried.trial.factorisations = tried.part.protocol->factorisations() - before;
-  tried.trial.rows = static_cast<int>(tried.part.rows.size());
-  tried.values.assign(static_cast<size_t>(rows), nan);
-  for (size_t k = 0; k < tried.part.rows.size(); ++k)
-    tried.values[static_cast<size_t>(tried.part.rows[k])] = prediction.values[static_cast<Eigen::Index>(k)];
+void predict(Tried& tried, Protocol& protocol, int rows) {
+  const Stopwatch watch;
+  const int before = protocol.factorisations();
+  const Prediction prediction = protocol.predict(protocol.nominal(), {});
+  tried.trial.seconds = watch.seconds();
+  tried.trial.factorisations = protocol.factorisations() - before;
+  tried.trial.rows = static_cast<int>(tried.rows.size());
+  tried.values.assign(static_cast<size_t>(rows), not_a_number);
+  for (size_t k = 0; k < tried.rows.size(); ++k)
+    at(tried.values, tried.rows[k]) = prediction.values[static_cast<Eigen::Index>(k)];
 }
 
 /// Finite elements for some rows, with the model and mesh as given.
 Tried try_elements(const Rows& rows, const std::set<int>& chosen, Experiment experiment, Rung rung,
                    const MeshSettings& mesh) {
   Tried tried;
-  tried.trial.rung = tried.part.rung = rung;
+  tried.trial.rung = rung;
   experiment.model = rung;
-  tried.bench = make_static_bench(experiment, mesh, rows.of(chosen));
+  tried.bench = make_static_replay(experiment, mesh, rows.of(chosen));
   tried.trial.unknowns = Reduction(*tried.bench.protocol->scene().model).size();
-  tried.part.rows = rows.map(chosen, tried.bench.row_of_reading, tried.bench.protocol->row_count());
-  tried.part.protocol = std::move(tried.bench.protocol);
-  predict(tried, rows.count());
+  tried.rows = rows.map(chosen, tried.bench.row_of_reading, tried.bench.protocol->row_count());
+  predict(tried, *tried.bench.protocol, rows.count());
   return tried;
 }
 
 /// Changes of the values of a rung of rigid segments by one Newton step of the full model, by rows of the full model;
 /// infinite where its Hessian is not positive definite.
 std::vector<double> newton_changes(const Rows& rows, const Tried& rigid, StaticProtocol& full) {
-  const StaticProtocol& from = rigid.elements();
+  const StaticProtocol& from = *rigid.bench.protocol;
   const Model& model = *full.scene().model;
   std::vector<Eigen::VectorXd> steps;
   Equilibrium equilibrium(model, rows.experiment.equilibrium);
@@ -127,15 +127,14 @@ std::vector<double> newton_changes(const Rows& rows, const Tried& rigid, StaticP
     if (step.size() == 0) return infinity;
     return full.channels()[static_cast<size_t>(channel)].channel->gradient({at.u, at.p}).dot(step);
   };
-  std::vector<double> changes(static_cast<size_t>(rows.count()), nan);
+  std::vector<double> changes(static_cast<size_t>(rows.count()), not_a_number);
   for (size_t c = 0; c < from.conditions().size(); ++c) {
     const StaticProtocol::Condition& condition = from.conditions()[c];
     for (int row : condition.rows) {
-      const int channel = from.rows()[static_cast<size_t>(row)].channel, to = rigid.part.rows[static_cast<size_t>(row)];
+      const int channel = at(from.rows(), row).channel, to = at(rigid.rows, row);
       double change = moved(static_cast<int>(c), channel);
       if (condition.unloaded >= 0) change -= moved(condition.unloaded, channel);
-      changes[static_cast<size_t>(to)] =
-          std::isfinite(change) ? std::abs(change / rigid.values[static_cast<size_t>(to)]) : infinity;
+      at(changes, to) = std::isfinite(change) ? std::abs(change / at(rigid.values, to)) : infinity;
     }
   }
   return changes;
@@ -144,22 +143,21 @@ std::vector<double> newton_changes(const Rows& rows, const Tried& rigid, StaticP
 /// Whether anything touches in the state of each row.
 void mark_closed(const Tried& tried, std::vector<RowChoice>& choices) {
   if (tried.bench.contact == nullptr) return;
-  const StaticProtocol& protocol = tried.elements();
+  const StaticProtocol& protocol = *tried.bench.protocol;
   const double gap = protocol.nominal()[protocol.parameters().index("contact_gap")];
   for (const StaticProtocol::Condition& condition : protocol.conditions()) {
     if (condition.u.size() == 0) continue;
     const bool closed = tried.bench.contact->smallest_distance(condition.u, gap) < gap;
-    for (int row : condition.rows)
-      choices[static_cast<size_t>(tried.part.rows[static_cast<size_t>(row)])].closed = closed;
+    for (int row : condition.rows) at(choices, at(tried.rows, row)).closed = closed;
   }
 }
 
 /// Every row of a path that has one of these rows.
 std::set<int> whole_paths(const Rows& rows, const std::set<int>& some) {
   std::set<int> paths, all;
-  for (int row : some) paths.insert(rows.path[static_cast<size_t>(row)]);
+  for (int row : some) paths.insert(at(rows.path, row));
   for (int row = 0; row < rows.count(); ++row) {
-    if (paths.count(rows.path[static_cast<size_t>(row)]) > 0) all.insert(row);
+    if (paths.count(at(rows.path, row)) > 0) all.insert(row);
   }
   return all;
 }
@@ -186,12 +184,12 @@ std::vector<LadderProtocol::Part> make_parts(const Rows& rows, const Experiment&
                                              const std::vector<RowChoice>& choices) {
   std::set<int> touching;
   for (int row = 0; row < rows.count(); ++row) {
-    if (choices[static_cast<size_t>(row)].closed) touching.insert(row);
+    if (at(choices, row).closed) touching.insert(row);
   }
   touching = whole_paths(rows, touching);
   std::map<std::pair<Rung, bool>, std::set<int>> rows_of;
   for (int row = 0; row < rows.count(); ++row) {
-    const Rung rung = choices[static_cast<size_t>(row)].rung;
+    const Rung rung = at(choices, row).rung;
     const bool elements = rung == Rung::rigid_segments || rung == Rung::full;
     rows_of[{rung, elements && experiment.contact.on && touching.count(row) == 0}].insert(row);
   }
@@ -209,10 +207,11 @@ std::vector<LadderProtocol::Part> make_parts(const Rows& rows, const Experiment&
     Experiment as = experiment;
     as.model = rung;
     const MeshSettings mesh = rung == Rung::solid ? deepened(as, as.mesh) : as.mesh;
-    if (idle) part.watch = make_static_bench(as, mesh, rows.of(chosen));
+    if (idle) part.watch = make_static_replay(as, mesh, rows.of(chosen));
     as.contact.idle = idle;
-    StaticBench bench = make_static_bench(as, mesh, rows.of(chosen));
+    StaticReplay bench = make_static_replay(as, mesh, rows.of(chosen));
     part.rows = rows.map(chosen, bench.row_of_reading, bench.protocol->row_count());
+    part.idle = idle ? bench.protocol.get() : nullptr;
     part.protocol = std::move(bench.protocol);
   }
   return parts;
@@ -222,11 +221,11 @@ std::vector<LadderProtocol::Part> make_parts(const Rows& rows, const Experiment&
 std::vector<double> other_plane(const Rows& rows, const std::vector<RowChoice>& choices) {
   Experiment other = rows.experiment;
   other.geometry.plane = other.geometry.plane == Plane::strain ? Plane::stress : Plane::strain;
-  std::vector<double> values(static_cast<size_t>(rows.count()), nan);
+  std::vector<double> values(static_cast<size_t>(rows.count()), not_a_number);
   for (const LadderProtocol::Part& part : make_parts(rows, other, choices)) {
     const Prediction prediction = part.protocol->predict(part.protocol->nominal(), {});
     for (size_t k = 0; k < part.rows.size(); ++k)
-      values[static_cast<size_t>(part.rows[k])] = prediction.values[static_cast<Eigen::Index>(k)];
+      at(values, part.rows[k]) = prediction.values[static_cast<Eigen::Index>(k)];
   }
   return values;
 }
@@ -236,66 +235,13 @@ std::set<int> lightest(const Rows& rows, const std::set<int>& some) {
   std::map<int, std::pair<double, int>> best;  // path to size and row
   for (int row : some) {
     double size = 0;
-    for (double value : rows.full.protocol->rows()[static_cast<size_t>(row)].controls) size += std::abs(value);
-    const auto [place, added] = best.try_emplace(rows.path[static_cast<size_t>(row)], size, row);
+    for (double value : at(rows.full.protocol->rows(), row).controls) size += std::abs(value);
+    const auto [place, added] = best.try_emplace(at(rows.path, row), size, row);
     if (!added && size < place->second.first) place->second = {size, row};
   }
   std::set<int> found;
   for (const auto& [path, entry] : best) found.insert(entry.second);
   return found;
-}
-
-/// Replays doubtful rows as a solid, and gives it those that it changes by more than the tolerance. Returns what was
-/// found, as the end of a sentence.
-std::string try_solid(const Rows& rows, const std::set<int>& doubtful, const std::vector<double>& values,
-                      Ladder& ladder) {
-  const Experiment& experiment = rows.experiment;
-  const MeshSettings own = deepened(experiment, experiment.mesh);
-  const StaticBench whole = make_static_bench(experiment, own, rows.of(doubtful));
-  const int unknowns = whole.protocol->scene().model->free_unknowns();
-  double largest = 0;
-  if (unknowns <= most_solid_unknowns) {
-    const Tried solid = try_elements(rows, doubtful, experiment, Rung::solid, own);
-    ladder.trials.push_back(solid.trial);
-    std::set<int> changed;
-    for (int row : doubtful) {
-      const double change = relative_change(values[static_cast<size_t>(row)], solid.values[static_cast<size_t>(row)]);
-      ladder.rows[static_cast<size_t>(row)].change = change;
-      largest = std::max(largest, change);
-      if (!(change <= experiment.tolerance)) changed.insert(row);
-    }
-    for (int row : whole_paths(rows, changed)) {
-      ladder.rows[static_cast<size_t>(row)].rung = Rung::solid;
-      ladder.rows[static_cast<size_t>(row)].change = nan;
-    }
-    return fmt::format("the solid changes rows by up to {}", percent(largest));
-  }
-  const MeshSettings coarse = refined(experiment.mesh, experiment.geometry, 0.5);
-  const std::set<int> light = lightest(rows, doubtful);
-  const MeshSettings coarse_solid = deepened(experiment, coarse);
-  const int coarse_unknowns =
-      make_static_bench(experiment, coarse_solid, rows.of(light)).protocol->scene().model->free_unknowns();
-  if (coarse_unknowns > most_coarse_unknowns) {
-    return fmt::format("the solid that would decide has {} unknowns and was not tried (model = \"solid\" takes it)",
-                       unknowns);
-  }
-  const Tried plane = try_elements(rows, light, experiment, Rung::full, coarse);
-  const Tried solid = try_elements(rows, light, experiment, Rung::solid, coarse_solid);
-  ladder.trials.push_back(solid.trial);
-  for (int row : light) {
-    const double change =
-        relative_change(plane.values[static_cast<size_t>(row)], solid.values[static_cast<size_t>(row)]);
-    largest = std::max(largest, change);
-    for (int same : doubtful) {
-      if (rows.path[static_cast<size_t>(same)] == rows.path[static_cast<size_t>(row)])
-        ladder.rows[static_cast<size_t>(same)].change = change;
-    }
-  }
-  return fmt::format(
-      "a coarse solid changes rows by up to {}{}", percent(largest),
-      largest <= experiment.tolerance
-          ? std::string()
-          : fmt::format(", which is left as it is: the solid has {} unknowns (model = \"solid\" takes it)", unknowns));
 }
 
 std::string describe(const Ladder& ladder, double tolerance, const std::string& solid_remark) {
@@ -327,35 +273,6 @@ std::string describe(const Ladder& ladder, double tolerance, const std::string& 
 
 }  // namespace
 
-std::string_view name_of(Rung rung) {
-  switch (rung) {
-    case Rung::beam:
-      return "beam";
-    case Rung::rigid_segments:
-      return "rigid_segments";
-    case Rung::full:
-      return "full";
-    case Rung::solid:
-      return "solid";
-    case Rung::automatic:
-      return "auto";
-  }
-  return "";
-}
-
-MeshSettings deepened(const Experiment& experiment, MeshSettings mesh) {
-  const GeometrySettings& geometry = experiment.geometry;
-  if (geometry.dimension != 2 || (mesh.size <= 0 && mesh.cells.empty())) {
-    throw InputError(
-        fmt::format("{}: model: a solid is swept from a plane section whose mesh has a size or cells, and a {} "
-                    "in {}D is none; use \"full\"",
-                    experiment.path, geometry.kind, geometry.dimension));
-  }
-  const double along = mesh.size > 0 ? mesh.size : geometry.size[0] / mesh.cells[0];
-  mesh.depth_cells = std::clamp(static_cast<int>(std::ceil(0.5 * geometry.thickness / along)), 2, 8);
-  return mesh;
-}
-
 LadderProtocol::LadderProtocol(ParameterTable parameters, Params nominal, int rows, std::vector<Part> parts)
     : parameters_(std::move(parameters)), nominal_(std::move(nominal)), rows_(rows), parts_(std::move(parts)) {}
 
@@ -365,7 +282,7 @@ namespace {
 bool touches(const LadderProtocol::Part& part) {
   const StaticProtocol& with = *part.watch.protocol;
   const double gap = with.nominal()[with.parameters().index("contact_gap")];
-  for (const StaticProtocol::Condition& condition : static_cast<StaticProtocol&>(*part.protocol).conditions()) {
+  for (const StaticProtocol::Condition& condition : part.idle->conditions()) {
     if (condition.u.size() > 0 && part.watch.contact->smallest_distance(condition.u, gap) < gap) return true;
   }
   return false;
@@ -395,14 +312,15 @@ Prediction ask(Protocol& protocol, const ParameterTable& parameters, const Param
 Prediction LadderProtocol::predict(const Params& p, const std::vector<int>& free) {
   Prediction all;
   const Eigen::Index columns = static_cast<Eigen::Index>(free.size());
-  all.values = Eigen::VectorXd::Constant(rows_, nan);
+  all.values = Eigen::VectorXd::Constant(rows_, not_a_number);
   if (columns > 0) all.derivatives = Eigen::MatrixXd::Zero(rows_, columns);
   for (Part& part : parts_) {
     std::vector<Eigen::Index> column;
     Prediction some = ask(*part.protocol, parameters_, p, free, column);
-    if (part.watch.protocol != nullptr && (!some.complete() || touches(part))) {
+    if (part.idle != nullptr && (!some.complete() || touches(part))) {
       factorisations_before_ += part.protocol->factorisations();
       part.protocol = std::move(part.watch.protocol);
+      part.idle = nullptr;
       if (searching_) part.protocol->begin_search();
       some = ask(*part.protocol, parameters_, p, free, column);
     }
@@ -439,160 +357,242 @@ int LadderProtocol::factorisations() const {
 
 int LadderProtocol::idle_parts() const {
   return static_cast<int>(
-      std::count_if(parts_.begin(), parts_.end(), [](const Part& part) { return part.watch.protocol != nullptr; }));
+      std::count_if(parts_.begin(), parts_.end(), [](const Part& part) { return part.idle != nullptr; }));
 }
 
-Ladder climb(const Experiment& experiment, const Trials& trials, const StaticBench& full) {
-  const auto start = std::chrono::steady_clock::now();
-  const double tolerance = experiment.tolerance;
-  const Rows rows(experiment, trials, full);
+namespace {
+
+/// The way up: which rows are still to be decided, and what was found on the rungs below.
+class Climb {
+ public:
+  Climb(const Experiment& experiment, const Trials& trials, const StaticReplay& full)
+      : experiment_(experiment),
+        tolerance_(experiment.tolerance),
+        rows_(experiment, trials, full),
+        beam_(static_cast<size_t>(rows_.count()), not_a_number),
+        values_(beam_) {
+    ladder.rows.resize(beam_.size());
+    for (int row = 0; row < rows_.count(); ++row) all_.insert(row);
+    undecided_ = all_;
+  }
   Ladder ladder;
-  ladder.rows.resize(static_cast<size_t>(rows.count()));
-  const auto choice = [&](int row) -> RowChoice& { return ladder.rows[static_cast<size_t>(row)]; };
-  std::set<int> all, undecided;
-  for (int row = 0; row < rows.count(); ++row) all.insert(row);
-  undecided = all;
-  const auto cannot = [&](Rung rung, const std::string& why) {
+
+  void try_beams();
+  void try_rigid_segments();
+  void try_full_model();
+  /// Makes the protocol of the rungs chosen, and replays it.
+  void replay();
+  /// Asks whether a plane section will do, and takes the solid where not. Returns what was found.
+  std::string check_planes();
+  int failed_rows() const {
+    return static_cast<int>(std::ranges::count_if(values_, [](double value) { return !std::isfinite(value); }));
+  }
+  bool needs_solid() const { return std::ranges::count(ladder.rows, Rung::solid, &RowChoice::rung) > 0; }
+
+ private:
+  RowChoice& choice(int row) { return at(ladder.rows, row); }
+  void cannot(Rung rung, const std::string& why) {
     RungTrial& trial = ladder.trials.emplace_back();
     trial.rung = rung;
     trial.cannot = why;
-  };
-  const auto take = [&](Rung rung, const std::set<int>& accepted) {
-    for (int row : accepted) {
-      choice(row).rung = rung;
-      undecided.erase(row);
-    }
-  };
-  /// The rows whose whole paths are `good`.
-  const auto paths_where = [&](auto&& good) {
-    std::set<int> bad;
-    for (int row : undecided) {
-      if (!good(row)) bad.insert(row);
-    }
-    std::set<int> accepted = undecided;
-    for (int row : whole_paths(rows, bad)) accepted.erase(row);
-    return accepted;
-  };
+  }
+  /// Gives a rung the undecided rows whose whole paths are good, with the change that is told of each.
+  template <class Good, class Change>
+  void take(Rung rung, Good&& good, Change&& change);
+  std::string try_solid(const std::set<int>& doubtful);
+  std::string take_solid(const std::set<int>& doubtful, const MeshSettings& mesh);
+  std::string ask_coarse_solid(const std::set<int>& doubtful, int unknowns);
 
-  // The chain of beams, and what it says of its own error.
-  std::vector<double> beam(static_cast<size_t>(rows.count()), nan), stated(beam.size(), infinity);
+  const Experiment& experiment_;
+  double tolerance_;
+  Rows rows_;
+  std::set<int> all_, undecided_;
+  std::vector<double> beam_;    ///< values from the chain of beams; NaN: none
+  std::vector<double> values_;  ///< from the rungs chosen
+};
+
+template <class Good, class Change>
+void Climb::take(Rung rung, Good&& good, Change&& change) {
+  std::set<int> bad, accepted = undecided_;
+  for (int row : undecided_) {
+    if (!good(row)) bad.insert(row);
+  }
+  for (int row : whole_paths(rows_, bad)) accepted.erase(row);
+  for (int row : accepted) {
+    choice(row).rung = rung;
+    choice(row).change = change(row);
+    undecided_.erase(row);
+  }
+}
+
+void Climb::try_beams() {
+  std::vector<double> stated(beam_.size(), infinity);
   try {
-    BeamBench bench = make_beam_bench(experiment, trials);
+    const BeamBench bench = make_beam_bench(experiment_, rows_.trials);
     Tried tried;
-    tried.trial.rung = tried.part.rung = Rung::beam;
+    tried.trial.rung = Rung::beam;
     tried.trial.unknowns = bench.protocol->unknowns();
-    tried.part.rows = rows.map(all, bench.row_of_reading, bench.protocol->row_count());
-    const BeamProtocol& protocol = *bench.protocol;
-    tried.part.protocol = std::move(bench.protocol);
-    predict(tried, rows.count());
-    beam = tried.values;
-    for (size_t k = 0; k < tried.part.rows.size(); ++k)
-      stated[static_cast<size_t>(tried.part.rows[k])] = protocol.stated_error(static_cast<int>(k));
+    tried.rows = rows_.map(all_, bench.row_of_reading, bench.protocol->row_count());
+    predict(tried, *bench.protocol, rows_.count());
+    beam_ = tried.values;
+    for (size_t k = 0; k < tried.rows.size(); ++k)
+      at(stated, tried.rows[k]) = bench.protocol->stated_error(static_cast<int>(k));
     ladder.trials.push_back(tried.trial);
   } catch (const InputError& error) {
     cannot(Rung::beam, error.what());
   }
-  const auto good_beam = [&](int row) { return stated[static_cast<size_t>(row)] <= tolerance; };
-  for (int row : all) choice(row).change = stated[static_cast<size_t>(row)];
-  take(Rung::beam, paths_where(good_beam));
+  for (int row : all_) choice(row).change = at(stated, row);
+  take(
+      Rung::beam, [&](int row) { return at(stated, row) <= tolerance_; }, [&](int row) { return at(stated, row); });
+}
 
-  // Rigid segments, and what one Newton step of the full model makes of them.
-  std::vector<double> rigid(beam.size(), nan);
-  if (!undecided.empty()) {
-    try {
-      const Tried tried = try_elements(rows, undecided, experiment, Rung::rigid_segments, experiment.mesh);
-      ladder.trials.push_back(tried.trial);
-      rigid = tried.values;
-      mark_closed(tried, ladder.rows);
-      const StaticBench whole = make_static_bench(experiment, experiment.mesh, rows.of(undecided));
-      const std::vector<double> changes = newton_changes(rows, tried, *whole.protocol);
-      for (int row : undecided) choice(row).compliance = changes[static_cast<size_t>(row)];
-      const auto beam_too = [&](int row) {
-        const double change =
-            relative_change(beam[static_cast<size_t>(row)], rigid[static_cast<size_t>(row)]) + choice(row).compliance;
-        return change <= tolerance;
-      };
-      const std::set<int> by_comparison = paths_where(beam_too);
-      for (int row : by_comparison)
-        choice(row).change = relative_change(beam[static_cast<size_t>(row)], rigid[static_cast<size_t>(row)]);
-      take(Rung::beam, by_comparison);
-      const std::set<int> accepted = paths_where([&](int row) { return choice(row).compliance <= 0.5 * tolerance; });
-      for (int row : accepted) choice(row).change = choice(row).compliance;
-      take(Rung::rigid_segments, accepted);
-    } catch (const InputError& error) {
-      cannot(Rung::rigid_segments, error.what());
-    }
-  }
-
-  // The full model, and where there is nothing in between the beams against it.
-  if (!undecided.empty()) {
-    const Tried tried = try_elements(rows, undecided, experiment, Rung::full, experiment.mesh);
+/// Rigid segments, and what one Newton step of the full model makes of them.
+void Climb::try_rigid_segments() {
+  if (undecided_.empty()) return;
+  try {
+    const Tried tried = try_elements(rows_, undecided_, experiment_, Rung::rigid_segments, experiment_.mesh);
     ladder.trials.push_back(tried.trial);
     mark_closed(tried, ladder.rows);
-    const auto changed = [&](int row) {
-      return relative_change(beam[static_cast<size_t>(row)], tried.values[static_cast<size_t>(row)]);
-    };
-    const std::set<int> accepted = paths_where([&](int row) { return changed(row) <= tolerance; });
-    for (int row : accepted) choice(row).change = changed(row);
-    take(Rung::beam, accepted);
-    for (int row : undecided) choice(row).change = nan;
-    take(Rung::full, std::set<int>(undecided));
+    const StaticReplay whole = make_static_replay(experiment_, experiment_.mesh, rows_.of(undecided_));
+    const std::vector<double> changes = newton_changes(rows_, tried, *whole.protocol);
+    for (int row : undecided_) choice(row).compliance = at(changes, row);
+    const auto from_beam = [&](int row) { return relative_change(at(beam_, row), at(tried.values, row)); };
+    const auto compliance = [&](int row) { return choice(row).compliance; };
+    take(
+        Rung::beam, [&](int row) { return from_beam(row) + compliance(row) <= tolerance_; }, from_beam);
+    take(
+        Rung::rigid_segments, [&](int row) { return compliance(row) <= 0.5 * tolerance_; }, compliance);
+  } catch (const InputError& error) {
+    cannot(Rung::rigid_segments, error.what());
   }
+}
 
-  // A plane section: between plane stress and plane strain lies the solid.
-  std::vector<double> values(beam.size(), nan);
-  ladder.protocol = std::make_unique<LadderProtocol>(full.protocol->parameters(), full.protocol->nominal(),
-                                                     rows.count(), make_parts(rows, experiment, ladder.rows));
-  const auto replay = [&] {
-    const auto since = std::chrono::steady_clock::now();
-    const Prediction prediction = ladder.protocol->predict(ladder.protocol->nominal(), {});
-    ladder.replay_seconds = seconds_since(since);
-    std::copy(prediction.values.begin(), prediction.values.end(), values.begin());
-  };
-  replay();
-  std::string solid_remark;
+/// The full model, and where there is nothing in between the beams against it.
+void Climb::try_full_model() {
+  if (undecided_.empty()) return;
+  const Tried tried = try_elements(rows_, undecided_, experiment_, Rung::full, experiment_.mesh);
+  ladder.trials.push_back(tried.trial);
+  mark_closed(tried, ladder.rows);
+  const auto from_beam = [&](int row) { return relative_change(at(beam_, row), at(tried.values, row)); };
+  take(
+      Rung::beam, [&](int row) { return from_beam(row) <= tolerance_; }, from_beam);
+  take(
+      Rung::full, [](int) { return true; }, [](int) { return not_a_number; });
+}
+
+void Climb::replay() {
+  const StaticProtocol& full = *rows_.full.protocol;
+  ladder.protocol = std::make_unique<LadderProtocol>(full.parameters(), full.nominal(), rows_.count(),
+                                                     make_parts(rows_, experiment_, ladder.rows));
+  const Stopwatch watch;
+  const Prediction prediction = ladder.protocol->predict(ladder.protocol->nominal(), {});
+  ladder.replay_seconds = watch.seconds();
+  std::copy(prediction.values.begin(), prediction.values.end(), values_.begin());
+}
+
+/// Between plane stress and plane strain lies the solid.
+std::string Climb::check_planes() {
+  if (experiment_.geometry.dimension != 2) return "";
+  const std::vector<double> other = other_plane(rows_, ladder.rows);
+  std::set<int> doubtful;
   double widest = 0;
-  if (experiment.geometry.dimension == 2) {
-    const std::vector<double> other = other_plane(rows, ladder.rows);
-    std::set<int> doubtful;
-    for (int row : all) {
-      const double apart = relative_change(values[static_cast<size_t>(row)], other[static_cast<size_t>(row)]);
-      widest = std::max(widest, apart);
-      if (!(apart <= tolerance)) doubtful.insert(row);
-    }
-    if (!doubtful.empty()) {
-      doubtful = whole_paths(rows, doubtful);
-      try {
-        solid_remark = try_solid(rows, doubtful, values, ladder);
-      } catch (const InputError& error) {
-        cannot(Rung::solid, error.what());
-        solid_remark = "no solid could be tried";
-      }
-      if (std::any_of(ladder.rows.begin(), ladder.rows.end(),
-                      [](const RowChoice& row) { return row.rung == Rung::solid; })) {
-        ladder.protocol = std::make_unique<LadderProtocol>(full.protocol->parameters(), full.protocol->nominal(),
-                                                           rows.count(), make_parts(rows, experiment, ladder.rows));
-        replay();
-      }
-    }
-    solid_remark = fmt::format("plane stress and plane strain differ by at most {}{}{}", percent(widest),
-                               solid_remark.empty() ? "" : ", and ", solid_remark);
+  for (int row : all_) {
+    const double apart = relative_change(at(values_, row), at(other, row));
+    widest = std::max(widest, apart);
+    if (!(apart <= tolerance_)) doubtful.insert(row);
   }
-  const bool solid =
-      std::any_of(ladder.rows.begin(), ladder.rows.end(), [](const RowChoice& row) { return row.rung == Rung::solid; });
+  std::string remark;
+  if (!doubtful.empty()) {
+    try {
+      remark = try_solid(whole_paths(rows_, doubtful));
+    } catch (const InputError& error) {
+      cannot(Rung::solid, error.what());
+      remark = "no solid could be tried";
+    }
+    if (needs_solid()) replay();
+  }
+  return fmt::format("plane stress and plane strain differ by at most {}{}{}", percent(widest),
+                     remark.empty() ? "" : ", and ", remark);
+}
+
+/// Replays doubtful rows as a solid, and gives it those that it changes by more than the tolerance. Returns what was
+/// found, as the end of a sentence.
+std::string Climb::try_solid(const std::set<int>& doubtful) {
+  const MeshSettings mesh = deepened(experiment_, experiment_.mesh);
+  const int unknowns =
+      make_static_replay(experiment_, mesh, rows_.of(doubtful)).protocol->scene().model->free_unknowns();
+  return unknowns <= most_solid_unknowns ? take_solid(doubtful, mesh) : ask_coarse_solid(doubtful, unknowns);
+}
+
+std::string Climb::take_solid(const std::set<int>& doubtful, const MeshSettings& mesh) {
+  const Tried solid = try_elements(rows_, doubtful, experiment_, Rung::solid, mesh);
+  ladder.trials.push_back(solid.trial);
+  double largest = 0;
+  std::set<int> changed;
+  for (int row : doubtful) {
+    const double change = relative_change(at(values_, row), at(solid.values, row));
+    choice(row).change = change;
+    largest = std::max(largest, change);
+    if (!(change <= tolerance_)) changed.insert(row);
+  }
+  for (int row : whole_paths(rows_, changed)) {
+    choice(row).rung = Rung::solid;
+    choice(row).change = not_a_number;
+  }
+  return fmt::format("the solid changes rows by up to {}", percent(largest));
+}
+
+/// Where the solid itself has too many `unknowns`: coarse ones tell what it would change.
+std::string Climb::ask_coarse_solid(const std::set<int>& doubtful, int unknowns) {
+  const MeshSettings coarse = refined(experiment_.mesh, experiment_.geometry, 0.5);
+  const MeshSettings coarse_solid = deepened(experiment_, coarse);
+  const std::set<int> light = lightest(rows_, doubtful);
+  const int coarse_unknowns =
+      make_static_replay(experiment_, coarse_solid, rows_.of(light)).protocol->scene().model->free_unknowns();
+  if (coarse_unknowns > most_coarse_unknowns) {
+    return fmt::format("the solid that would decide has {} unknowns and was not tried (model = \"solid\" takes it)",
+                       unknowns);
+  }
+  const Tried plane = try_elements(rows_, light, experiment_, Rung::full, coarse);
+  const Tried solid = try_elements(rows_, light, experiment_, Rung::solid, coarse_solid);
+  ladder.trials.push_back(solid.trial);
+  double largest = 0;
+  for (int row : light) {
+    const double change = relative_change(at(plane.values, row), at(solid.values, row));
+    largest = std::max(largest, change);
+    for (int same : doubtful) {
+      if (at(rows_.path, same) == at(rows_.path, row)) choice(same).change = change;
+    }
+  }
+  return fmt::format(
+      "a coarse solid changes rows by up to {}{}", percent(largest),
+      largest <= tolerance_
+          ? std::string()
+          : fmt::format(", which is left as it is: the solid has {} unknowns (model = \"solid\" takes it)", unknowns));
+}
+
+}  // namespace
+
+Ladder climb(const Experiment& experiment, const Trials& trials, const StaticReplay& full) {
+  const Stopwatch watch;
+  Climb climb(experiment, trials, full);
+  climb.try_beams();
+  climb.try_rigid_segments();
+  climb.try_full_model();
+  climb.replay();
+  std::string remark = climb.check_planes();
   for (const FreeSettings& free : experiment.free) {
-    if (solid && free.id == "thickness")
+    if (free.id == "thickness" && climb.needs_solid())
       throw InputError(
           fmt::format("{}: [fit.free.thickness]: some rows need the solid, whose thickness is its mesh; fix it, "
                       "or set model = \"full\"",
                       experiment.path));
   }
-  const auto failed = std::count_if(values.begin(), values.end(), [](double value) { return !std::isfinite(value); });
-  if (failed > 0)
-    solid_remark += fmt::format("{}{} rows have no equilibrium", solid_remark.empty() ? "" : "; ", failed);
-  ladder.seconds = seconds_since(start);
-  ladder.sentence = describe(ladder, tolerance, solid_remark);
-  return ladder;
+  if (const int failed = climb.failed_rows(); failed > 0)
+    remark += fmt::format("{}{} rows have no equilibrium", remark.empty() ? "" : "; ", failed);
+  climb.ladder.seconds = watch.seconds();
+  climb.ladder.sentence = describe(climb.ladder, experiment.tolerance, remark);
+  return std::move(climb.ladder);
 }
 
 }  // namespace taut

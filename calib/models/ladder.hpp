@@ -1,16 +1,13 @@
 #pragma once
-#include <limits>
 #include <memory>
 #include <string>
 #include <string_view>
 #include <vector>
 
-#include "calib/benches/static_bench.hpp"
+#include "calib/benches/static_replay.hpp"
+#include "sim/core/numbers.hpp"
 
 namespace taut {
-
-/// "beam", "rigid_segments", "full", "solid", "auto": as experiment files spell them.
-std::string_view name_of(Rung rung);
 
 /// One experiment whose rows come from several models, the dearer ones only where they are needed. Its parameters are
 /// those of the full model; what a model does not have changes nothing there.
@@ -20,9 +17,9 @@ class LadderProtocol final : public Protocol {
     Rung rung = Rung::full;
     std::unique_ptr<Protocol> protocol;
     std::vector<int> rows;  ///< of this protocol, per row of the part's
-    /// The same with contact, where `protocol` looks for none because no gap closed when it was made. Takes its place
-    /// as soon as one does.
-    StaticBench watch;
+    /// `protocol` where it looks for no contact because no gap closed when it was made; else null.
+    const StaticProtocol* idle = nullptr;
+    StaticReplay watch;  ///< then the same with contact: takes its place as soon as a gap closes
   };
   LadderProtocol(ParameterTable parameters, Params nominal, int rows, std::vector<Part> parts);
 
@@ -60,7 +57,7 @@ struct RowChoice {
   Rung rung = Rung::full;
   /// Relative change of the row's value by the next rung: computed where that was tried, else stated (beam) or
   /// estimated (rigid segments, plane section); NaN where no rung is above.
-  double change = std::numeric_limits<double>::quiet_NaN();
+  double change = not_a_number;
   double compliance = 0;  ///< the stiff regions' part of that: relative change of the row from rigid to as they are
   bool closed = false;    ///< gaps are closed there: contact acts
 };
@@ -73,10 +70,6 @@ struct Ladder {
   double replay_seconds = 0;  ///< of one cold replay of `protocol`
   std::string sentence;       ///< what was chosen, why, and what it saves, for people
 };
-
-/// The mesh of a solid whose elements are about as long across its thickness as along it, at least two. Throws
-/// InputError for geometries that are no plane sections or whose element size is not known.
-MeshSettings deepened(const Experiment& experiment, MeshSettings mesh);
 
 /// Climbs the rungs of an experiment at rest until the next one changes no row by more than experiment.tolerance, at
 /// the values that its file gives. Rows of one path (one retraction) share a rung, the highest that any of them needs;
@@ -93,6 +86,6 @@ MeshSettings deepened(const Experiment& experiment, MeshSettings mesh);
 ///                   then the sentence says so
 ///
 /// `full` is the full model's bench. Throws InputError as the benches do.
-Ladder climb(const Experiment& experiment, const Trials& trials, const StaticBench& full);
+Ladder climb(const Experiment& experiment, const Trials& trials, const StaticReplay& full);
 
 }  // namespace taut

@@ -1,24 +1,32 @@
 #pragma once
-#include <array>
 #include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "calib/benches/bench.hpp"
 #include "calib/fit/fit.hpp"
+#include "calib/runs/shapes.hpp"
 #include "calib/studies/discretisation.hpp"
 
 namespace taut {
+
+/// A file that a run was made from.
+struct InputRecord {
+  std::string path;    ///< as given
+  std::string copy;    ///< its name in the run folder
+  std::string sha256;  ///< of both
+};
 
 /// Where a result comes from, so that it can be made again.
 struct Provenance {
   std::string version, commit;                                 ///< of taut
   std::vector<std::pair<std::string, std::string>> libraries;  ///< name, version
   std::string command_line;
-  std::vector<std::pair<std::string, std::string>> inputs;  ///< path as given, SHA-256
-  std::string started;                                      ///< UTC, ISO 8601
-  std::string machine;                                      ///< processor, cores, system
-  unsigned seed = 0;                                        ///< nothing in a fit is random; 0 says so
+  std::vector<InputRecord> inputs;
+  std::string started;  ///< UTC, ISO 8601
+  std::string machine;  ///< processor, cores, system
+  unsigned seed = 0;    ///< nothing in a fit is random; 0 says so
   double wall_seconds = 0;
 };
 
@@ -28,30 +36,6 @@ struct ReadingRecord {
   std::string trial, channel;
   std::vector<double> controls;                                      ///< SI
   double measured = 0, sigma = 0, predicted = 0, prediction_se = 0;  ///< SI
-};
-
-/// The fitted curve of one channel over the load, everything else held: for the figures.
-struct CurveRecord {
-  std::string channel;
-  std::string series;                     ///< what is held ("retraction 5.89 mm"), "" when there is only one series
-  std::vector<double> load;               ///< force [N]
-  std::vector<double> value, se;          ///< predicted displacement and standard error of the curve [m]
-  std::vector<double> increment_se = {};  ///< standard error of value - value at zero load [m]; empty: not known
-};
-
-/// Side view of the deformed specimen in one condition.
-struct ShapeRecord {
-  std::string label;                            ///< "0.51 N"
-  std::vector<std::array<double, 4>> segments;  ///< boundary lines x0 y0 x1 y1 in the drawing plane [m]
-  // In 2D also, for panels beside each other:
-  using Line = std::vector<std::array<double, 2>>;  ///< points in the drawing plane [m]
-  struct Area {
-    std::string region;
-    std::vector<Line> loops;  ///< closed, anticlockwise around the region, clockwise around its holes
-  };
-  std::vector<Area> areas = {};
-  std::vector<Line> cables = {};
-  std::string row = {}, column = {};  ///< what is held ("retraction 5.89 mm") and the load ("50 g")
 };
 
 /// A refit with another element or mesh.
@@ -72,14 +56,6 @@ struct DiagnosticRecord {
   int readings = 0;
 };
 
-/// Frequency and decay of one channel of one recording, by ring_down() of the readings and of the predictions at their
-/// times.
-struct SwingRecord {
-  std::string recording, channel;
-  double frequency = 0, decay = 0;                      ///< measured [Hz], [1/s]
-  double predicted_frequency = 0, predicted_decay = 0;  ///< [Hz], [1/s]
-};
-
 struct ReferenceRecord {
   std::string parameter;
   double value = 0;
@@ -90,14 +66,12 @@ struct ReferenceRecord {
 /// and `taut predict`. Figures and report.html are functions of this record alone.
 struct RunRecord {
   std::string title;
-  bool simulated = false;       ///< the readings were simulated, not measured
-  bool material_point = false;  ///< readings are nominal stresses [Pa] over control 0, a strain; curves too, and
-                                ///< variants are other laws or fewer readings
-  bool over_time = false;       ///< readings are of recordings (`series`) over control 0, the time [s]; curves too
-  std::string experiment_file;  ///< its copy in the run folder
-  std::string data_file;        ///< its copy in the run folder
+  bool simulated = false;                                  ///< the readings were simulated, not measured
+  bool interrupted = false;                                ///< parts of the run are missing
+  int failed_stages = 0;                                   ///< parts that failed; the remarks say which
   std::vector<std::pair<std::string, std::string>> setup;  ///< "mesh", "quadratic ..." lines for the report
-  std::vector<std::string> control_ids, control_units;     ///< SI units
+  std::vector<AxisRecord> controls;                        ///< in the order of ReadingRecord::controls
+  std::vector<AxisRecord> channels;                        ///< all that readings and curves name
   std::string load_label;                                  ///< "load", for axes
   int load_control = -1;                   ///< index among the controls of the load that the figures are drawn over
   std::vector<double> load_newtons;        ///< per reading: the load as a force [N]

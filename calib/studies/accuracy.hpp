@@ -2,14 +2,15 @@
 #include <Eigen/Core>
 #include <atomic>
 #include <functional>
-#include <limits>
 #include <map>
 #include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
-#include "calib/benches/static_bench.hpp"
+#include "calib/benches/static_replay.hpp"
+#include "calib/studies/study_store.hpp"
+#include "sim/core/numbers.hpp"
 #include "sim/robots/simulation.hpp"
 
 namespace taut {
@@ -63,17 +64,9 @@ AccuracyStudy accuracy_study(const Experiment& experiment);
 /// Throws InputError for a simulation without inertia or without such channels.
 AccuracyStudy accuracy_study(const Simulation& simulation);
 
-struct AccuracyOptions {
-  double budget = 300;      ///< [s], for new runs; one at least is made
-  std::string file;         ///< CSV table that each run is appended to when it is finished
-  std::string fingerprint;  ///< of the experiment: rows of `file` with another one are left alone
-  const std::atomic<bool>* stop = nullptr;
-  std::function<void(const std::string&)> progress;
-};
-
-/// The runs of all settings, in their order: read from the file, or made now, the setting in use first, then the cheap
-/// ones. Missing where the budget ends before or `stop` was raised.
-std::vector<std::optional<AccuracyRun>> run_settings(const AccuracyStudy& study, const AccuracyOptions& options);
+/// The runs of all settings, in their order: read from the store, or made now, one at least, the setting in use first,
+/// then the cheap ones. Missing where the budget ends before or `stop` was raised.
+std::vector<std::optional<AccuracyRun>> run_settings(const AccuracyStudy& study, const StudyOptions& options);
 
 /// How far a setting is from the answer. All relative: to the value (at least a hundredth of the largest one), or to
 /// the range of its curve.
@@ -84,7 +77,7 @@ struct AccuracyPoint {
   std::vector<double>
       parameters;  ///< error of each free parameter that a fit would have; of its range if not logarithmic
   /// Of settings with an `integrator`: root mean square, to the limit of small steps on the file's own mesh.
-  double step_error = std::numeric_limits<double>::quiet_NaN();
+  double step_error = not_a_number;
   bool on_front = false;  ///< no setting is both faster and more accurate
 };
 
@@ -96,8 +89,8 @@ struct AccuracyChart {
   std::vector<double> parameter_uncertainty;  ///< per free parameter, relative as AccuracyPoint::parameters
   std::vector<double> parameter_noise;        ///< standard error from the readings' noise, the same way
   std::string reference;                      ///< one sentence: how it was made
-  double step_uncertainty = std::numeric_limits<double>::quiet_NaN();  ///< of the limit of small steps
-  std::string step_reference;                                          ///< "": there is none
+  double step_uncertainty = not_a_number;     ///< of the limit of small steps
+  std::string step_reference;                 ///< "": there is none
 };
 
 /// Throws InputError when the setting in use has no result.

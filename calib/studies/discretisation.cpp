@@ -4,32 +4,22 @@
 
 #include <Eigen/SVD>
 #include <algorithm>
-#include <chrono>
 #include <cmath>
-#include <limits>
 #include <optional>
 
 #include "sim/core/error.hpp"
+#include "sim/core/numbers.hpp"
+#include "sim/core/stopwatch.hpp"
 #include "sim/core/units.hpp"
 #include "sim/shapes/geometry.hpp"
 
 namespace taut {
 namespace {
 
-constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-
 /// Quadratic elements would converge with order 4 where all is smooth. Beside a clamped corner it is 1.4 to 1.7, and a
 /// higher one that coarse meshes show is not to be trusted.
 constexpr double highest_order = 2;
 constexpr double lowest_order = 0.5;  ///< slower than beside any corner: no convergence to speak of
-
-class Stopwatch {
- public:
-  double seconds() const { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count(); }
-
- private:
-  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
-};
 
 /// A mesh to extrapolate from.
 struct Level {
@@ -38,10 +28,6 @@ struct Level {
   bool own = false;  ///< the fit's mesh, with its elements: its shift is zero
   bool finer = false;
 };
-
-double element_size(const Mesh& mesh) {
-  return std::pow(static_cast<double>(mesh.element_count()), -1.0 / mesh.dimension());
-}
 
 /// The finest three that are not too dear, from coarse to fine. Fewer where the mesh cannot be refined or coarsened.
 std::vector<Level> levels_of(const Experiment& experiment) {
@@ -87,9 +73,9 @@ struct Shift {
 };
 
 /// Where the fit would end with other settings.
-Shift shift_with(const Experiment& experiment, const MeshSettings& settings, const Trials& trials,
-                 const FitResult& fit) {
-  const StaticBench bench = make_static_bench(experiment, settings, trials);
+Shift shift_with(const Experiment& experiment, const MeshSettings& settings, const Trials& trials, const FitResult& fit,
+                 const Ask& ask) {
+  const StaticReplay bench = make_static_replay(experiment, settings, trials);
   StaticProtocol& protocol = *bench.protocol;
   const ParameterTable& table = protocol.parameters();
   const std::vector<FreeParameter> free = free_of(fit, table);
@@ -97,7 +83,7 @@ Shift shift_with(const Experiment& experiment, const MeshSettings& settings, con
   for (const FreeParameter& parameter : free) indices.push_back(parameter.index);
   Params p = fit.p;
   if (experiment.contact.on) p[table.index("contact_gap")] = protocol.nominal()[table.index("contact_gap")];
-  const Prediction prediction = protocol.predict(p, indices);
+  const Prediction prediction = ask ? ask(protocol, p, indices) : protocol.predict(p, indices);
   if (!prediction.complete()) return {{}, prediction.failures.front()};
   return {gauss_newton_step(prediction, bench.measurements, table, p, free), ""};
 }
@@ -114,13 +100,14 @@ void set_bias(const FitResult& fit, const Eigen::VectorXd& limit, const Eigen::V
 }
 
 void set_unknown(const FitResult& fit, const std::string& why, DiscretisationShare& share) {
-  share.bias.assign(fit.parameters.size(), nan);
-  share.error.assign(fit.parameters.size(), nan);
+  share.bias.assign(fit.parameters.size(), not_a_number);
+  share.error.assign(fit.parameters.size(), not_a_number);
   share.how = why;
 }
 
 DiscretisationShare mesh_share(const Experiment& experiment, const Trials& trials, const FitResult& fit,
-                               const Shift& own, const std::function<void(const std::string&)>& progress) {
+                               const Shift& own, const std::function<void(const std::string&)>& progress,
+                               const Ask& ask) {
   const Stopwatch watch;
   DiscretisationShare share;
   share.source = "mesh";
@@ -136,7 +123,7 @@ DiscretisationShare mesh_share(const Experiment& experiment, const Trials& trial
     steps.col(k).setZero();
     if (level.own) continue;
     if (progress) progress("the mesh's share: " + level.settings.describe());
-    const Shift shift = shift_with(experiment, level.settings, trials, fit);
+    const Shift shift = shift_with(experiment, level.settings, trials, fit, ask);
     if (!shift.failure.empty()) {
       set_unknown(fit, fmt::format("{}: {}", level.settings.describe(), shift.failure), share);
       share.seconds = watch.seconds();
@@ -165,14 +152,15 @@ DiscretisationShare mesh_share(const Experiment& experiment, const Trials& trial
 }
 
 DiscretisationShare gap_share(const Experiment& experiment, const Trials& trials, const FitResult& fit,
-                              const Shift& own, const std::function<void(const std::string&)>& progress) {
+                              const Shift& own, const std::function<void(const std::string&)>& progress,
+                              const Ask& ask) {
   const Stopwatch watch;
   DiscretisationShare share;
   share.source = "contact gap";
   if (progress) progress("the contact gap's share");
   MeshSettings half = experiment.mesh;
   half.contact_gap = 0.5 * contact_gap(experiment.mesh, make_mesh(experiment, experiment.mesh).diagonal());
-  const Shift shift = shift_with(experiment, half, trials, fit);
+  const Shift shift = shift_with(experiment, half, trials, fit, ask);
   if (shift.failure.empty()) {
     const Eigen::VectorXd step = shift.step - own.step;
     set_bias(fit, 2 * step, step.cwiseAbs(), share);
@@ -198,12 +186,22 @@ MeshSettings most_accurate(const Experiment& experiment, const MeshSettings& set
   return result;
 }
 
+double element_size(const Mesh& mesh) {
+  return std::pow(static_cast<double>(mesh.element_count()), -1.0 / mesh.dimension());
+}
+
+double scale_of(const FreeParameter& parameter, const ParameterTable& table, const Params& p) {
+  const double value = p[parameter.index], range = parameter.upper - parameter.lower;
+  if (table[parameter.index].logarithmic) return value;
+  return std::isfinite(range) ? range : std::max(std::abs(value), 1e-12);
+}
+
 Extrapolation extrapolate(const std::vector<double>& h, const Eigen::MatrixXd& values, double highest_order) {
   const Eigen::Index n = values.cols();
   Extrapolation result;
   result.order = 1;
   result.limit = values.col(n - 1);
-  result.error = Eigen::VectorXd::Constant(values.rows(), nan);
+  result.error = Eigen::VectorXd::Constant(values.rows(), not_a_number);
   if (n < 2) return result;
   const Eigen::VectorXd last = values.col(n - 1) - values.col(n - 2);
   // What is left of the finest value's error, in last differences.
@@ -258,13 +256,12 @@ Eigen::VectorXd gauss_newton_step(const Prediction& prediction, const std::vecto
   // Logarithmic parameters by d = 1 - value/new, so new = value / (1 - d); others in units of their range.
   for (Eigen::Index j = 0; j < n; ++j) {
     const FreeParameter& parameter = free[static_cast<size_t>(j)];
-    const double value = p[parameter.index], width = parameter.upper - parameter.lower;
+    const double value = p[parameter.index];
+    range[j] = scale_of(parameter, table, p);
     if (table[parameter.index].logarithmic) {
-      range[j] = value;
       lowest[j] = std::max(-2.0, 1 - value / parameter.lower);
       highest[j] = std::min(2.0 / 3, 1 - value / parameter.upper);
     } else {
-      range[j] = std::isfinite(width) ? width : std::max(std::abs(value), 1e-12);
       lowest[j] = (parameter.lower - value) / range[j];
       highest[j] = (parameter.upper - value) / range[j];
     }
@@ -310,15 +307,16 @@ std::string describe(const DiscretisationShare& share, const ParameterEstimate& 
 
 std::vector<DiscretisationShare> discretisation_shares(const Experiment& experiment, const Trials& trials,
                                                        const FitResult& fit,
-                                                       const std::function<void(const std::string&)>& progress) {
+                                                       const std::function<void(const std::string&)>& progress,
+                                                       const Ask& ask) {
   std::vector<DiscretisationShare> shares;
   if (fit.covariance.size() == 0) return shares;
   // Where the fit stopped short of its own optimum is nobody's share.
   if (progress) progress("the fit's own next step");
-  const Shift own = shift_with(experiment, experiment.mesh, trials, fit);
+  const Shift own = shift_with(experiment, experiment.mesh, trials, fit, ask);
   if (!own.failure.empty()) return shares;
-  shares.push_back(mesh_share(experiment, trials, fit, own, progress));
-  if (experiment.contact.on) shares.push_back(gap_share(experiment, trials, fit, own, progress));
+  shares.push_back(mesh_share(experiment, trials, fit, own, progress, ask));
+  if (experiment.contact.on) shares.push_back(gap_share(experiment, trials, fit, own, progress, ask));
   return shares;
 }
 

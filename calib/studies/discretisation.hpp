@@ -4,13 +4,19 @@
 #include <string>
 #include <vector>
 
-#include "calib/benches/static_bench.hpp"
+#include "calib/benches/static_replay.hpp"
 
 namespace taut {
 
 /// The quadratic elements that an experiment's results tend to fastest on the mesh `settings`: locking-free ones where
 /// a Poisson's ratio exceeds 0.4 and volumes are held (3D, plane strain), or where `settings` has them.
 MeshSettings most_accurate(const Experiment& experiment, const MeshSettings& settings);
+
+/// Mean edge of an element over the specimen's size.
+double element_size(const Mesh& mesh);
+
+/// What changes of a free parameter are relative to: its value if it is logarithmic, else its range.
+double scale_of(const FreeParameter& parameter, const ParameterTable& table, const Params& p);
 
 /// What values on successively finer meshes tend to: Richardson's extrapolation and a grid convergence index
 /// (Celik et al., J. Fluids Eng. 130, 2008).
@@ -58,9 +64,10 @@ std::string describe(const DiscretisationShare& share, const ParameterEstimate& 
 /// bias as error (the stand-off of closed faces is proportional to the gap).
 ///
 /// `fit` has a result (a covariance); `experiment` and `trials` are those it was made with. A failed simulation makes
-/// the share unknown. `progress` is told what comes next.
+/// the share unknown. `progress` is told what comes next; `ask`, where it is given, is how predictions are had.
 std::vector<DiscretisationShare> discretisation_shares(const Experiment& experiment, const Trials& trials,
                                                        const FitResult& fit,
-                                                       const std::function<void(const std::string&)>& progress = {});
+                                                       const std::function<void(const std::string&)>& progress = {},
+                                                       const Ask& ask = {});
 
 }  // namespace taut

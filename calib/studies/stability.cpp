@@ -3,15 +3,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
-#include <chrono>
 #include <cmath>
-#include <filesystem>
-#include <fstream>
 #include <map>
 #include <random>
 
-#include "calib/data/csv_table.hpp"
 #include "calib/studies/discretisation.hpp"
 #include "sim/core/error.hpp"
 #include "sim/mesh/weights.hpp"
@@ -65,18 +60,19 @@ struct NaiveMethod {
 std::vector<NaiveMethod> static_methods(bool contact) {
   std::vector<NaiveMethod> methods{
       {"default", [](EquilibriumOptions&) {}},
-      {"Hessian always projected", [](EquilibriumOptions& o) { o.always_project = true; }},
-      {"no line search", [](EquilibriumOptions& o) { o.line_search = LineSearch::none; }},
+      {"Hessian always projected", [](EquilibriumOptions& o) { o.comparison.always_project = true; }},
+      {"no line search", [](EquilibriumOptions& o) { o.comparison.line_search = LineSearch::none; }},
       {"energy only, straight steps",
        [](EquilibriumOptions& o) {
-         o.line_search = LineSearch::armijo;
-         o.straight_steps = true;
+         o.comparison.line_search = LineSearch::armijo;
+         o.comparison.straight_steps = true;
        }},
       {"no test for a minimum", [](EquilibriumOptions& o) { o.check_minimum = false; }},
   };
   if (contact) {
     methods.push_back({"penalty contact", [](EquilibriumOptions&) {}, ContactForm::penalty});
-    methods.push_back({"steps not stopped by contact", [](EquilibriumOptions& o) { o.ignore_contact = true; }});
+    methods.push_back(
+        {"steps not stopped by contact", [](EquilibriumOptions& o) { o.comparison.ignore_contact = true; }});
   }
   return methods;
 }
@@ -164,7 +160,7 @@ std::shared_ptr<const StaticSubject> subject_of(const Experiment& experiment, co
       subject->coarse = settings;
       subject->unknowns = static_cast<int>(size);
       const int allowed = experiment.geometry.dimension == 2 ? most_unknowns : most_unknowns_3d;
-      if (size <= allowed || experiment.geometry.kind == "msh") break;
+      if (size <= allowed || !refinable(experiment.geometry)) break;
     } catch (const InputError&) {
       if (subject->unknowns == 0) throw;
       break;  // too coarse for the geometry
@@ -187,7 +183,7 @@ struct StaticAnswer {
   BenchModel model;
   std::unique_ptr<Equilibrium> equilibrium;
   Params p;
-  double reading = std::numeric_limits<double>::quiet_NaN();  ///< of the first channel, from the unloaded state [m]
+  double reading = not_a_number;  ///< of the first channel, from the unloaded state [m]
   bool reached = false;
   int iterations = 0, factorisations = 0;  ///< before the last solve
 };
@@ -282,7 +278,23 @@ class Remembered {
  private:
   std::map<std::pair<size_t, size_t>, Value> values_;
 };
-using References = Remembered<Eigen::VectorXd>;
+
+/// Makes a map's cells those of `case_of(method, x, y)`, judged by the displacements of the refined path of
+/// `place_of(x, y)`.
+template <class CaseOf, class PlaceOf>
+void judge_by_path(StabilityMap& map, std::shared_ptr<const StaticSubject> subject,
+                   const std::vector<NaiveMethod>& methods, CaseOf case_of, PlaceOf place_of) {
+  map.methods = names_of(methods);
+  map.run = [=, references = std::make_shared<Remembered<Eigen::VectorXd>>()](size_t m, size_t x, size_t y) {
+    const StaticCase what = case_of(m, x, y);
+    const auto [i, j] = place_of(x, y);
+    return run_case(what, *subject, methods[m], references->at(i, j, [&] { return reference_of(what, *subject); }));
+  };
+}
+
+/// Cells of one x, or all of them, share a path: what it takes does not change with y.
+constexpr auto of_column = [](size_t x, size_t) { return std::pair(x, size_t{0}); };
+constexpr auto of_map = [](size_t, size_t) { return std::pair(size_t{0}, size_t{0}); };
 
 std::string mesh_text(const StaticSubject& subject) {
   return fmt::format("{} ({} unknowns)", subject.coarse.describe(), subject.unknowns);
@@ -312,28 +324,25 @@ StabilityMap retraction_over_load(std::shared_ptr<const StaticSubject> subject) 
   map.y_label = length_label;
   for (double x : loads) map.x.push_back(number(x * subject->top(load) / load_unit));
   for (double y : retractions) map.y.push_back(number(y * subject->top(retraction) / length_unit));
-  map.methods = names_of(methods);
-  map.run = [=, references = std::make_shared<References>()](size_t m, size_t x, size_t y) {
-    StaticCase what{subject->experiment, subject->coarse, subject->controls(retractions[y], loads[x]), m == 0};
-    const Eigen::VectorXd& reference = references->at(x, y, [&] { return reference_of(what, *subject); });
-    return run_case(what, *subject, methods[m], reference);
+  const auto case_of = [=](size_t m, size_t x, size_t y) {
+    return StaticCase{subject->experiment, subject->coarse, subject->controls(retractions[y], loads[x]), m == 0};
   };
+  judge_by_path(map, subject, methods, case_of, [](size_t x, size_t y) { return std::pair(x, y); });
   return map;
 }
 
-void set_modulus(Experiment& experiment, const std::string& region, double E) {
-  for (MaterialSettings& material : experiment.materials) {
-    if (material.region == region) material.constants["E"] = E;
+void set_constant(std::vector<MaterialSettings>& materials, const std::string& region, const char* id, double value) {
+  for (MaterialSettings& material : materials) {
+    if (material.region == region) material.constants[id] = value;
   }
 }
 
-double constant_of(const Experiment& experiment, const std::string& region, const char* id) {
-  for (const MaterialSettings& material : experiment.materials) {
-    if (material.region != region) continue;
-    const auto found = material.constants.find(id);
-    if (found != material.constants.end()) return found->second;
+/// NaN where the region's law has none.
+double constant_of(const std::vector<MaterialSettings>& materials, const std::string& region, const char* id) {
+  for (const MaterialSettings& material : materials) {
+    if (material.region == region && material.constants.count(id) > 0) return material.constants.at(id);
   }
-  return std::numeric_limits<double>::quiet_NaN();
+  return not_a_number;
 }
 
 const std::vector<int> step_counts{1, 2, 4, 8, 16};
@@ -346,7 +355,6 @@ std::vector<std::string> step_texts() {
 
 StabilityMap ratio_over_steps(std::shared_ptr<const StaticSubject> subject) {
   const std::vector<double> ratios{1e1, 1e3, 1e5, 1e6, 1e7};
-  const std::vector<NaiveMethod> methods = newton_methods();
   StabilityMap map;
   map.id = "stiffness_ratio";
   map.title = "A stiff part beside a soft one";
@@ -355,13 +363,13 @@ StabilityMap ratio_over_steps(std::shared_ptr<const StaticSubject> subject) {
   map.y_label = "load steps";
   for (double ratio : ratios) map.x.push_back(fmt::format("1e{:.0f}", std::log10(ratio)));
   map.y = step_texts();
-  map.methods = names_of(methods);
-  map.run = [=, references = std::make_shared<References>()](size_t m, size_t x, size_t y) {
+  const auto case_of = [=](size_t, size_t x, size_t y) {
     StaticCase what{subject->experiment, subject->coarse, subject->controls(0.33, 1), false, 0, step_counts[y]};
-    set_modulus(what.experiment, subject->stiff, ratios[x] * constant_of(what.experiment, subject->soft, "E"));
-    const Eigen::VectorXd& reference = references->at(x, 0, [&] { return reference_of(what, *subject); });
-    return run_case(what, *subject, methods[m], reference);
+    std::vector<MaterialSettings>& materials = what.experiment.materials;
+    set_constant(materials, subject->stiff, "E", ratios[x] * constant_of(materials, subject->soft, "E"));
+    return what;
   };
+  judge_by_path(map, subject, newton_methods(), case_of, of_column);
   return map;
 }
 
@@ -369,7 +377,6 @@ StabilityMap load_over_steps(std::shared_ptr<const StaticSubject> subject) {
   const auto load = static_cast<size_t>(subject->load);
   const auto [unit, label] = axis_of(*subject, load);
   const std::vector<double> loads{1, 3, 10, 30, 100};
-  const std::vector<NaiveMethod> methods = newton_methods();
   StabilityMap map;
   map.id = "load_steps";
   map.title = "Loads far beyond the bench's own";
@@ -378,13 +385,17 @@ StabilityMap load_over_steps(std::shared_ptr<const StaticSubject> subject) {
   map.y_label = "load steps";
   for (double x : loads) map.x.push_back(number(x * subject->top(load) / unit));
   map.y = step_texts();
-  map.methods = names_of(methods);
-  map.run = [=, references = std::make_shared<References>()](size_t m, size_t x, size_t y) {
-    StaticCase what{subject->experiment, subject->coarse, subject->controls(0, loads[x]), false, 0, step_counts[y]};
-    const Eigen::VectorXd& reference = references->at(x, 0, [&] { return reference_of(what, *subject); });
-    return run_case(what, *subject, methods[m], reference);
+  const auto case_of = [=](size_t, size_t x, size_t y) {
+    return StaticCase{subject->experiment, subject->coarse, subject->controls(0, loads[x]), false, 0, step_counts[y]};
   };
+  judge_by_path(map, subject, newton_methods(), case_of, of_column);
   return map;
+}
+
+/// The first channel's reading in a case that the default solves; NaN where it does not arrive.
+double right_reading(const StaticCase& what, const StaticSubject& subject) {
+  const StaticAnswer answer = solve_case(what, subject.trials, map_options(subject.experiment));
+  return answer.reached ? answer.reading : not_a_number;
 }
 
 /// Runs a case by a method and judges it by the first channel's reading. `right`: NaN where there is none.
@@ -429,21 +440,19 @@ StabilityMap poisson_over_element(std::shared_ptr<const StaticSubject> subject) 
   map.shows_error = true;
   map.run = [=, references = std::make_shared<Remembered<double>>()](size_t m, size_t x, size_t y) {
     StaticCase what{subject->experiment, subject->coarse, subject->controls(0.35, 0.1), true};
-    for (MaterialSettings& material : what.experiment.materials) {
-      if (material.region == subject->soft) material.constants["nu"] = ratios[x];
-    }
+    set_constant(what.experiment.materials, subject->soft, "nu", ratios[x]);
     const double right = references->at(x, 0, [&] {
       StaticCase fine = what;
       fine.mesh = refined(subject->experiment.mesh, subject->experiment.geometry, 1.5);
       fine.mesh.order = 2;
       fine.mesh.formulation = Formulation::locking_free;
-      const StaticAnswer answer = solve_case(fine, subject->trials, map_options(subject->experiment));
-      return answer.reached ? answer.reading : std::numeric_limits<double>::quiet_NaN();
+      return right_reading(fine, *subject);
     });
     if (m == 1) what.mesh = subject->experiment.mesh;
     what.mesh.order = elements[y].order;
     what.mesh.formulation = elements[y].formulation;
-    return run_by_reading(what, *subject, {"", [&](EquilibriumOptions& o) { o.always_project = m == 2; }}, right);
+    return run_by_reading(what, *subject, {"", [&](EquilibriumOptions& o) { o.comparison.always_project = m == 2; }},
+                          right);
   };
   return map;
 }
@@ -489,12 +498,8 @@ StabilityMap gap_over_size(std::shared_ptr<const StaticSubject> subject) {
     return what;
   };
   map.run = [=, references = std::make_shared<Remembered<double>>()](size_t m, size_t x, size_t y) {
-    const double right = references->at(0, 0, [&] {
-      const StaticAnswer answer =
-          solve_case(barrier(0, sizes.size() - 1), subject->trials, map_options(subject->experiment));
-      return answer.reached ? answer.reading : std::numeric_limits<double>::quiet_NaN();
-    });
-    const NaiveMethod method{"", [&](EquilibriumOptions& o) { o.ignore_contact = m == forms.size(); },
+    const double right = references->at(0, 0, [&] { return right_reading(barrier(0, sizes.size() - 1), *subject); });
+    const NaiveMethod method{"", [&](EquilibriumOptions& o) { o.comparison.ignore_contact = m == forms.size(); },
                              m < forms.size() ? forms[m].second : ContactForm::length_weighted};
     return run_by_reading(barrier(x, y), *subject, method, right);
   };
@@ -503,7 +508,6 @@ StabilityMap gap_over_size(std::shared_ptr<const StaticSubject> subject) {
 
 StabilityMap start_over_steps(std::shared_ptr<const StaticSubject> subject) {
   const std::vector<double> amplitudes{0, 0.005, 0.01, 0.02, 0.05};
-  const std::vector<NaiveMethod> methods = newton_methods();
   const Mesh mesh = make_mesh(subject->experiment, subject->coarse);
   double volume = 0;
   for (double measure : element_measures(mesh)) volume += measure;
@@ -517,13 +521,11 @@ StabilityMap start_over_steps(std::shared_ptr<const StaticSubject> subject) {
   map.y_label = "load steps";
   map.x = numbers(amplitudes);
   map.y = step_texts();
-  map.methods = names_of(methods);
-  map.run = [=, references = std::make_shared<References>()](size_t m, size_t x, size_t y) {
-    StaticCase what{subject->experiment,  subject->coarse, subject->controls(0.33, 1), false,
-                    mean * amplitudes[x], step_counts[y]};
-    const Eigen::VectorXd& reference = references->at(0, 0, [&] { return reference_of(what, *subject); });
-    return run_case(what, *subject, methods[m], reference);
+  const auto case_of = [=](size_t, size_t x, size_t y) {
+    return StaticCase{subject->experiment,  subject->coarse, subject->controls(0.33, 1), false,
+                      mean * amplitudes[x], step_counts[y]};
   };
+  judge_by_path(map, subject, newton_methods(), case_of, of_map);
   return map;
 }
 
@@ -550,10 +552,12 @@ double* density_of(Simulation& simulation, const std::string& region) {
 std::vector<const BodySettings*> free_bodies(const Simulation& simulation) {
   std::vector<const BodySettings*> free;
   for (const BodySettings& body : simulation.bodies) {
-    const auto holds = [&](const RobotJoint& joint) { return joint.first == body.name || joint.second == body.name; };
-    const auto pulls = [&](const RobotCable& cable) { return cable.body == body.name; };
+    const auto holds = [&](const JointSettings& joint) {
+      return joint.part_a == body.name || joint.part_b == body.name;
+    };
+    const auto pulls = [&](const CableSettings& cable) { return cable.body == body.name; };
     if (body.fixed.empty() && std::none_of(simulation.joints.begin(), simulation.joints.end(), holds) &&
-        std::none_of(simulation.cables.begin(), simulation.cables.end(), pulls))
+        std::none_of(simulation.cables.cables.begin(), simulation.cables.cables.end(), pulls))
       free.push_back(&body);
   }
   return free;
@@ -579,7 +583,7 @@ void fly(FlightSubject& subject, const Robot& robot) {
   subject.u = Eigen::VectorXd::Zero(mesh.X.size());
   subject.v = robot.velocity;
   if (!robot.smallest_distance || pull.isZero(0)) return;
-  const double near = 2 * simulation.contact_gap;
+  const double near = 2 * simulation.contact.gap;
   const double threshold = 0.999 * std::min(near, robot.smallest_distance(subject.u, near));
   const double step = 1e-3 * simulation.duration;
   for (double t = step; t < simulation.duration; t += step) {
@@ -702,7 +706,7 @@ const std::vector<std::string> flight_methods{"default: implicit Euler", "BDF2",
 StabilityRun run_flight(const FlightSubject& subject, const Robot& robot, FlightMethod method, double h,
                         const Eigen::VectorXd& reference) {
   const auto change = [&](EquilibriumOptions& options) {
-    options.ignore_contact = method == FlightMethod::not_stopped;
+    options.comparison.ignore_contact = method == FlightMethod::not_stopped;
   };
   const Integrator integrator = method == FlightMethod::bdf2 ? Integrator::bdf2 : Integrator::implicit_euler;
   const Flown flown = method == FlightMethod::explicit_steps ? leap_through(subject, robot, h)
@@ -756,20 +760,41 @@ StabilityMap time_map(std::shared_ptr<const FlightSubject> subject, std::functio
 
 // ---- store
 
-/// Map, method, x and y: what a line of the store begins with. No quotes, so that a line that is cut off stays a line.
-std::array<std::string, 4> key_of(const StabilityMap& map, size_t method, size_t x, size_t y) {
-  std::array<std::string, 4> key{map.id, map.methods[method], map.x[x], map.y[y]};
-  for (std::string& text : key) std::ranges::replace(text, ',', ';');
-  return key;
-}
-
-constexpr std::string_view store_header = "map,method,x,y,outcome,iterations,factorisations,error,fingerprint";
+const Cells columns{"map", "method", "x", "y", "outcome", "iterations", "factorisations", "error", "fingerprint"};
 
 std::optional<Outcome> outcome_called(const std::string& name) {
   for (int k = 0; k <= static_cast<int>(Outcome::intersected); ++k) {
     if (name_of(static_cast<Outcome>(k)) == name) return static_cast<Outcome>(k);
   }
   return std::nullopt;
+}
+
+Cells cells_of(const StabilityRun& run) {
+  return {std::string(name_of(run.outcome)), fmt::format("{}", run.iterations), fmt::format("{}", run.factorisations),
+          std::isfinite(run.error) ? fmt::format("{}", run.error) : ""};
+}
+
+std::optional<StabilityRun> run_of(const Cells& cells) {
+  const std::optional<Outcome> outcome = outcome_called(cells[0]);
+  const auto iterations = parse_number(cells[1]), factorisations = parse_number(cells[2]);
+  if (!outcome || !iterations || !factorisations) return std::nullopt;
+  return StabilityRun{*outcome, static_cast<int>(*iterations), static_cast<int>(*factorisations),
+                      parse_number(cells[3]).value_or(not_a_number)};
+}
+
+/// A cell of a map among the settings of a study.
+struct CellOf {
+  const StabilityMap* map;
+  size_t method, x, y;
+  std::optional<StabilityRun>* run;  ///< its place
+};
+
+/// A cell as a setting. Older tables have no quotes, so a comma is none here either.
+StudySetting setting_of(const CellOf& cell) {
+  const StabilityMap& map = *cell.map;
+  Cells key{map.id, map.methods[cell.method], map.x[cell.x], map.y[cell.y]};
+  for (std::string& text : key) std::ranges::replace(text, ',', ';');
+  return {key, fmt::format("{}, {}", map.id, map.methods[cell.method])};
 }
 
 }  // namespace
@@ -814,7 +839,8 @@ StabilityRun judge(Equilibrium& equilibrium, const EquilibriumOptions& options, 
     // Full steps end early only where the energy is infinite; what the whole load does from here tells.
     Equilibrium probe(model, options);
     probe.start_at(equilibrium.u(), p);
-    const bool early = options.line_search == LineSearch::none && probe.solve(p).status == SolveStatus::stalled;
+    const bool early =
+        options.comparison.line_search == LineSearch::none && probe.solve(p).status == SolveStatus::stalled;
     run.outcome = early ? Outcome::inverted : Outcome::diverged;
   } else if (!equilibrium.refactorise()) {
     run.outcome = Outcome::saddle;
@@ -834,7 +860,8 @@ std::vector<StabilityMap> stability_maps(const Experiment& experiment, const Tri
   if (loaded && !subject->first.empty()) maps.push_back(retraction_over_load(subject));
   if (two) maps.push_back(ratio_over_steps(subject));
   if (loaded && !two) maps.push_back(load_over_steps(subject));
-  if (std::isfinite(constant_of(experiment, subject->soft, "nu")) && experiment.geometry.plane == Plane::strain)
+  if (std::isfinite(constant_of(experiment.materials, subject->soft, "nu")) &&
+      experiment.geometry.plane == Plane::strain)
     maps.push_back(poisson_over_element(subject));
   if (subject->contact() && loaded && !subject->first.empty()) maps.push_back(gap_over_size(subject));
   if (loaded) maps.push_back(start_over_steps(subject));
@@ -847,13 +874,8 @@ std::vector<StabilityMap> stability_maps(const Simulation& simulation) {
   if (subject->soft != subject->stiff) {
     const std::vector<double> ratios{1, 1e1, 1e2, 1e4, 1e6};
     maps.push_back(time_map(subject, [=](Simulation& altered, size_t y) {
-      double soft = 0;
-      for (const MaterialSettings& material : altered.materials) {
-        if (material.region == subject->soft) soft = material.constants.at("E");
-      }
-      for (MaterialSettings& material : altered.materials) {
-        if (material.region == subject->stiff) material.constants["E"] = ratios[y] * soft;
-      }
+      const double soft = constant_of(altered.materials, subject->soft, "E");
+      set_constant(altered.materials, subject->stiff, "E", ratios[y] * soft);
     }));
     maps.back().id = "step_stiffness";
     maps.back().title = "Time steps beside a stiff part";
@@ -874,79 +896,33 @@ std::vector<StabilityMap> stability_maps(const Simulation& simulation) {
   return maps;
 }
 
-StabilityStore::StabilityStore(std::string path, std::string fingerprint)
-    : path_(std::move(path)), fingerprint_(std::move(fingerprint)) {
-  if (!std::filesystem::exists(path_)) return;
-  std::fstream file(path_, std::ios::in | std::ios::out | std::ios::binary);
-  file.seekg(-1, std::ios::end);
-  if (file.get() != '\n') {  // interrupted within a line
-    file.seekp(0, std::ios::end);
-    file << '\n';
-  }
-  file.close();
-  const CsvTable table = read_csv(path_);
-  for (const CsvTable::Row& row : table.rows) {
-    if (row.cells.size() != 9 || row.cells[8] != fingerprint_) continue;  // another file's, or cut off while written
-    const std::optional<Outcome> outcome = outcome_called(row.cells[4]);
-    const auto iterations = parse_number(row.cells[5]), factorisations = parse_number(row.cells[6]);
-    if (!outcome || !iterations || !factorisations) continue;
-    runs_.emplace_back(std::array{row.cells[0], row.cells[1], row.cells[2], row.cells[3]},
-                       StabilityRun{*outcome, static_cast<int>(*iterations), static_cast<int>(*factorisations),
-                                    parse_number(row.cells[7]).value_or(std::numeric_limits<double>::quiet_NaN())});
-  }
-}
-
-std::optional<StabilityRun> StabilityStore::find(const StabilityMap& map, size_t method, size_t x, size_t y) const {
-  const auto key = key_of(map, method, x, y);
-  for (const auto& [known, run] : runs_) {
-    if (known == key) return run;
-  }
-  return std::nullopt;
-}
-
-void StabilityStore::add(const StabilityMap& map, size_t method, size_t x, size_t y, const StabilityRun& run) {
-  const auto key = key_of(map, method, x, y);
-  const bool fresh = !std::filesystem::exists(path_);
-  std::ofstream file(path_, std::ios::app);
-  if (fresh) file << store_header << '\n';
-  file << fmt::format("{},{},{},{},{},{},{},{},{}\n", key[0], key[1], key[2], key[3], name_of(run.outcome),
-                      run.iterations, run.factorisations,
-                      std::isfinite(run.error) ? fmt::format("{:.6g}", run.error) : "", fingerprint_);
-  file.flush();
-  if (!file)
-    throw InputError(
-        fmt::format("{}: the chart's cells could not be written; check the folder and the space on it", path_));
-  runs_.emplace_back(key, run);
-}
-
 std::vector<std::vector<std::optional<StabilityRun>>> run_stability(const std::vector<StabilityMap>& maps,
-                                                                    StabilityStore& store,
-                                                                    const StabilityOptions& options) {
-  const auto begin = std::chrono::steady_clock::now();
-  const auto spent = [&] {
-    return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count() >= options.budget ||
-           (options.stop != nullptr && options.stop->load());
-  };
+                                                                    const StudyOptions& options) {
   std::vector<std::vector<std::optional<StabilityRun>>> all;
-  for (const StabilityMap& map : maps) {
-    std::vector<std::optional<StabilityRun>>& runs = all.emplace_back(map.cells());
-    size_t done = 0;
+  for (const StabilityMap& map : maps) all.emplace_back(map.cells());
+  std::vector<CellOf> cells;
+  Study study;
+  study.columns = columns;
+  study.keys = 4;
+  for (size_t k = 0; k < maps.size(); ++k) {
     // Method by method innermost: they share what a place of the map needs.
-    for (size_t y = 0; y < map.y.size(); ++y) {
-      for (size_t x = 0; x < map.x.size(); ++x) {
-        for (size_t m = 0; m < map.methods.size(); ++m) {
-          std::optional<StabilityRun>& run = runs[map.cell(m, x, y)];
-          run = store.find(map, m, x, y);
-          if (!run && !spent()) {
-            run = map.run(m, x, y);
-            store.add(map, m, x, y, *run);
-          }
-          done += run.has_value();
-          if (run && options.progress) options.progress(map, done);
+    for (size_t y = 0; y < maps[k].y.size(); ++y) {
+      for (size_t x = 0; x < maps[k].x.size(); ++x) {
+        for (size_t m = 0; m < maps[k].methods.size(); ++m) {
+          cells.push_back({&maps[k], m, x, y, &all[k][maps[k].cell(m, x, y)]});
+          study.settings.push_back(setting_of(cells.back()));
         }
       }
     }
   }
+  study.run = [&](size_t i, const Deadline&) {
+    return StudyResult{cells_of(cells[i].map->run(cells[i].method, cells[i].x, cells[i].y))};
+  };
+  study.take = [&](size_t i, const Cells& result) {
+    *cells[i].run = run_of(result);
+    return cells[i].run->has_value();
+  };
+  run_study(study, options);
   return all;
 }
 

@@ -1,15 +1,14 @@
 #pragma once
-#include <array>
-#include <atomic>
 #include <functional>
-#include <limits>
 #include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
-#include "calib/benches/static_bench.hpp"
+#include "calib/benches/static_replay.hpp"
+#include "calib/studies/study_store.hpp"
+#include "sim/core/numbers.hpp"
 #include "sim/robots/simulation.hpp"
 
 namespace taut {
@@ -32,7 +31,7 @@ struct StabilityRun {
   Outcome outcome = Outcome::converged;
   int iterations = 0;  ///< of Newton's method; right-hand sides of explicit methods
   int factorisations = 0;
-  double error = std::numeric_limits<double>::quiet_NaN();  ///< relative, of what the map compares; NaN: no reference
+  double error = not_a_number;  ///< relative, of what the map compares; NaN: no reference
 };
 
 /// A table of runs over two axes, once for each method.
@@ -68,30 +67,9 @@ std::vector<StabilityMap> stability_maps(const Experiment& experiment, const Tri
 /// a quasi-static one.
 std::vector<StabilityMap> stability_maps(const Simulation& simulation);
 
-/// Finished cells in a CSV file, one line each, written as they come: a chart that was interrupted goes on. Lines of
-/// other contents of the experiment file are left alone and not used.
-class StabilityStore {
- public:
-  /// `fingerprint` stands for the contents of the experiment's files. Throws InputError for a file that cannot be read.
-  StabilityStore(std::string path, std::string fingerprint);
-  std::optional<StabilityRun> find(const StabilityMap& map, size_t method, size_t x, size_t y) const;
-  void add(const StabilityMap& map, size_t method, size_t x, size_t y, const StabilityRun& run);
-
- private:
-  std::string path_, fingerprint_;
-  std::vector<std::pair<std::array<std::string, 4>, StabilityRun>> runs_;  ///< by map, method, x and y
-};
-
-struct StabilityOptions {
-  double budget = 300;  ///< [s] for all maps; a run that has begun is finished
-  const std::atomic<bool>* stop = nullptr;
-  std::function<void(const StabilityMap& map, size_t done)> progress;
-};
-
 /// The runs of all maps, by StabilityMap::cell(): those of the store, then new ones, map by map, until the budget is
-/// used up. What was not run is empty.
+/// used up; a run that has begun is finished. What was not run is empty.
 std::vector<std::vector<std::optional<StabilityRun>>> run_stability(const std::vector<StabilityMap>& maps,
-                                                                    StabilityStore& store,
-                                                                    const StabilityOptions& options);
+                                                                    const StudyOptions& options);
 
 }  // namespace taut

@@ -3,45 +3,29 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <filesystem>
 #include <nlohmann/json.hpp>
 
-#include "calib/benches/uniaxial.hpp"
-#include "calib/files/uniaxial_file.hpp"
 #include "calib/studies/stability.hpp"
-#include "experiments/cli/session.hpp"
+#include "experiments/cli/chart_study.hpp"
 #include "reports/stability_figures.hpp"
-#include "sim/core/error.hpp"
-#include "sim/files/simulation.hpp"
 
 namespace taut {
 namespace {
 
-namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-/// What the chart is about, whichever kind of file it is.
-struct ChartSubject {
-  std::string title;
-  bool simulated = false;
-  std::vector<StabilityMap> maps;
-  std::string fingerprint;  ///< of the file and its bench: what was run with others does not count
-};
+std::vector<StabilityMap> maps_of(const Experiment& experiment) {
+  return stability_maps(experiment, experiment.recordings ? Trials() : read_trials(experiment.bench));
+}
 
-ChartSubject chart_subject(const std::string& path) {
-  if (is_uniaxial(path))
-    throw InputError(fmt::format(
-        "{}: a material point has nothing to solve for; chart an experiment with a specimen or a simulation over time",
-        path));
-  const std::string fingerprint = sha256_of(path).substr(0, 8);
-  if (is_simulation(path)) {
-    const Simulation simulation = read_simulation(path);
-    return {simulation.title, false, stability_maps(simulation), fingerprint};
-  }
-  const Experiment experiment = read_experiment(path);
-  const Trials trials = experiment.recordings ? Trials() : read_trials(experiment.bench);
-  return {experiment.title, experiment.simulated, stability_maps(experiment, trials),
-          fingerprint + "-" + sha256_of(experiment.bench.path).substr(0, 8)};
+std::vector<StabilityMap> maps_of(const Simulation& simulation) {
+  return stability_maps(simulation);
+}
+
+/// Whether readings were simulated; a simulation is its own subject.
+bool has_simulated_data(const Charted& charted) {
+  const auto* experiment = std::get_if<Experiment>(&charted);
+  return experiment != nullptr && experiment->simulated;
 }
 
 /// A map's runs, counted by method and outcome.
@@ -83,36 +67,26 @@ void print_counts(const Json& map) {
 
 int chart_stability(const CommandOptions& options) {
   Progress progress(options.quiet);
-  const ChartSubject subject = chart_subject(options.target);
-  const fs::path folder = options.out.empty() ? fs::path(run_folder(options)) / "charts" : fs::path(options.out);
-  std::error_code error;
-  fs::create_directories(folder / "figures", error);
-  if (error)
-    throw InputError(fmt::format("{}: the folder cannot be made ({}); choose another one with --out", folder.string(),
-                                 error.message()));
-  StabilityStore store((folder / "stability.csv").string(), subject.fingerprint);
-  StabilityOptions run;
-  run.budget = options.budget;
-  run.stop = options.stop;
-  run.progress = [&](const StabilityMap& map, size_t done) {
-    progress.show(fmt::format("{}: {} of {} runs", map.id, done, map.cells()));
-  };
-  const auto runs = run_stability(subject.maps, store, run);
+  const Charted charted = read_charted(options);
+  const std::vector<StabilityMap> maps = std::visit([](const auto& one) { return maps_of(one); }, charted);
+  const std::string title = std::visit([](const auto& one) { return one.title; }, charted);
+  const ChartFolder folder = open_chart(options, "stability", charted, progress);
+  const auto runs = run_stability(maps, folder.study);
   Json result = Json::array();
-  size_t missing = 0;
-  for (size_t k = 0; k < subject.maps.size(); ++k) {
-    const StabilityMap& map = subject.maps[k];
-    const auto empty = static_cast<size_t>(std::ranges::count_if(runs[k], [](const auto& one) { return !one; }));
+  size_t missing = 0, all = 0;
+  for (size_t k = 0; k < maps.size(); ++k) {
+    const StabilityMap& map = maps[k];
+    const auto empty = static_cast<size_t>(std::count(runs[k].begin(), runs[k].end(), std::nullopt));
     missing += empty;
+    all += map.cells();
     if (empty == map.cells()) continue;
     result.push_back(counts_of(map, runs[k]));
     if (!options.json) print_counts(result.back());
-    draw_stability(map, runs[k], subject.title, subject.simulated, folder.string());
-    progress.say(fmt::format("wrote {}", (folder / "figures" / ("stability_" + map.id + ".svg")).string()));
+    draw_stability(map, runs[k], title, has_simulated_data(charted), folder.path.string());
+    progress.say(fmt::format("wrote {}", (folder.path / "figures" / ("stability_" + map.id + ".svg")).string()));
   }
   if (options.json) fmt::print("{}\n", Json{{"maps", result}, {"runs_left", missing}}.dump(2));
-  if (missing > 0) progress.say(fmt::format("{} runs are left; the same command goes on with them", missing));
-  return options.stop != nullptr && options.stop->load() ? exit_interrupted : exit_ok;
+  return close_chart(options, missing, all, progress);
 }
 
 }  // namespace taut

@@ -9,8 +9,8 @@ namespace taut {
 enum ExitCode {
   exit_ok = 0,
   exit_internal = 1,      ///< a fault of taut's own
-  exit_input = 2,         ///< wrong usage or wrong input
-  exit_solve = 3,         ///< one or more simulations failed; what succeeded is written
+  exit_input = 2,         ///< wrong usage or wrong input, or output that cannot be written
+  exit_solve = 3,         ///< one or more simulations or parts of a run failed; what succeeded is written
   exit_fit = 4,           ///< the fit did not converge
   exit_interrupted = 130  ///< Ctrl-C; what was finished is written
 };
@@ -23,9 +23,13 @@ struct CommandOptions {
   std::string rows;                        ///< predict: CSV file of new loads
   double budget = 300;                     ///< chart: time that its simulations may take [s]
   std::map<std::string, std::string> set;  ///< replay: parameter values that replace the nominal ones
+  bool sensitivities = false;              ///< replay, simulate: derivatives too
+  std::string goal;                        ///< simulate: CHANNEL or CHANNEL@TIME whose gradient is asked for
+  std::string wrt;                         ///< simulate: the parameters of both, "ID,ID,..."; "" for all
   bool json = false;
   bool quiet = false;
   bool variants = true;  ///< fit: also the [[fit.variant]] ones
+  bool fresh = false;    ///< fit: not from where an interrupted run stopped
   int threads = 0;
   std::string command_line;
   const std::atomic<bool>* stop = nullptr;  ///< raised by Ctrl-C

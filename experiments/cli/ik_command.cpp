@@ -6,7 +6,7 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
-#include "experiments/cli/session.hpp"
+#include "experiments/cli/progress.hpp"
 #include "experiments/cli/simulate_command.hpp"
 #include "reports/run_record.hpp"
 #include "reports/simulation_report.hpp"
@@ -32,7 +32,7 @@ std::string label_of(const Solved& solved, size_t k) {
 
 const std::string& unit_of(const Robot& robot, const std::string& channel) {
   return std::find_if(robot.readings.begin(), robot.readings.end(),
-                      [&](const RobotReading& reading) { return reading.id == channel; })
+                      [&](const SceneReading& reading) { return reading.id == channel; })
       ->unit;
 }
 
@@ -147,7 +147,7 @@ SimulationRecord make_ik_record(const Simulation& simulation, const Robot& robot
   record.sample_unit = "1";
   for (const ControlSettings& control : simulation.controls)
     record.controls.push_back({control.id, std::string(units_of(control.quantity).front()), control.id, {}});
-  for (const RobotReading& reading : robot.readings)
+  for (const SceneReading& reading : robot.readings)
     record.channels.push_back({reading.id, reading.unit, reading.meaning, {}});
   double smallest = std::numeric_limits<double>::infinity();
   int crossing = 0;
@@ -161,7 +161,7 @@ SimulationRecord make_ik_record(const Simulation& simulation, const Robot& robot
       for (size_t c = 0; c < robot.controls.size(); ++c)
         record.controls[c].values.push_back(answer.p[robot.controls[c]]);
       for (size_t c = 0; c < robot.readings.size(); ++c) {
-        const RobotReading& reading = robot.readings[c];
+        const SceneReading& reading = robot.readings[c];
         record.channels[c].values.push_back(reading.channel
                                                 ? reading.rest + reading.channel->value({answer.u, answer.p})
                                                 : std::numeric_limits<double>::quiet_NaN());

@@ -1,10 +1,16 @@
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include <boost/program_options.hpp>
+#include <cerrno>
 #include <csignal>
+#include <cstdio>
 #include <exception>
 #include <functional>
 #include <iostream>
+#include <optional>
+#include <system_error>
 
 #include "experiments/cli/chart_accuracy.hpp"
 #include "experiments/cli/chart_stability.hpp"
@@ -64,7 +70,9 @@ const std::vector<Command>& commands() {
        taut::fit_command, true, true},
       {"simulate", "SIMULATION",
        "Runs a simulation over time or through equilibria: states, plots, animation and report.",
-       "  taut simulate experiments/ball_impact/experiment.toml\n", taut::simulate_command, true, false},
+       "  taut simulate experiments/ball_impact/experiment.toml\n"
+       "  taut simulate experiments/finger_bend/experiment.toml --goal tip_angle --json\n",
+       taut::simulate_command, true, false},
       {"ik", "SIMULATION", "Finds the controls that bring a robot to the targets of its file, within their bounds.",
        "  taut ik experiments/arm/experiment.toml\n"
        "  taut ik experiments/arm/experiment.toml --target circle --json\n",
@@ -111,19 +119,80 @@ po::options_description options_of(const Command& command, taut::CommandOptions&
   if (command.name == "replay") {
     add("set", po::value(&settings)->value_name("ID=VALUE")->composing(),
         "a parameter instead of the file's value, with its unit");
+    add("sensitivities", po::bool_switch(&options.sensitivities),
+        "derivatives of every row with respect to all parameters and controls, and the stiffness at each load: "
+        "sensitivities.csv");
+  }
+  if (command.name == "simulate") {
+    add("sensitivities", po::bool_switch(&options.sensitivities),
+        "derivatives of all channels at every time with respect to parameters and controls: sensitivities.csv");
+    add("goal", po::value(&options.goal)->value_name("CHANNEL[@TIME]"),
+        "gradient of this channel at the end, or at a time (tip_x@\"20 ms\")");
+    add("wrt", po::value(&options.wrt)->value_name("ID,ID,..."),
+        "parameters of both; default: all. A control counts as an offset of its whole schedule");
   }
   if (command.name == "ik") add("target", po::value(&options.name)->value_name("NAME"), "this target or path alone");
   if (command.name == "chart")
     add("budget", po::value(&options.budget)->value_name("SECONDS"),
         "time for its simulations; default: 300. What does not fit in is left to the next run");
-  if (command.name == "fit") add("no-variants", "leave out the refits with other meshes");
+  if (command.name == "fit") {
+    add("no-variants", "leave out the refits with other meshes");
+    add("fresh", po::bool_switch(&options.fresh), "start anew where an interrupted run would be gone on with");
+  }
   if (command.name == "predict")
     add("rows", po::value(&options.rows)->value_name("FILE"), "CSV file with the load columns of the bench (required)");
   return description;
 }
 
-int run(int argc, char** argv) {
-  std::vector<std::string> arguments(argv + 1, argv + argc);
+/// What the words after the command's name ask for; prints the help and returns nullopt where that is asked for.
+std::optional<taut::CommandOptions> parse(const Command& command, const std::vector<std::string>& words) {
+  taut::CommandOptions options;
+  options.stop = &stop_requested;
+  options.command_line = "taut " + command.name;
+  for (const std::string& word : words)
+    options.command_line += word.find(' ') == std::string::npos ? " " + word : " '" + word + "'";
+  std::vector<std::string> settings, given;
+  std::vector<std::string*> positional{&options.target};
+  if (command.name == "chart") positional.insert(positional.begin(), &options.name);
+  po::options_description visible = options_of(command, options, settings), all;
+  all.add(visible).add_options()("positional", po::value(&given));
+  po::variables_map values;
+  po::store(po::command_line_parser(words)
+                .options(all)
+                .positional(po::positional_options_description().add("positional", static_cast<int>(positional.size())))
+                .run(),
+            values);
+  po::notify(values);
+  for (size_t i = 0; i < given.size(); ++i) *positional[i] = given[i];
+  if (values.count("help") != 0) {
+    std::cout << command.summary << "\n\nexamples:\n"
+              << command.examples << "\nusage: taut " << command.name << " " << command.argument << " [options]\n\n"
+              << visible;
+    return std::nullopt;
+  }
+  for (const std::string& setting : settings) {
+    const size_t equals = setting.find('=');
+    if (equals == std::string::npos || equals == 0)
+      throw taut::InputError(fmt::format("--set {}: write ID=VALUE, for example --set E_foam=\"50 kPa\"", setting));
+    options.set[setting.substr(0, equals)] = setting.substr(equals + 1);
+  }
+  options.variants = values.count("no-variants") == 0;
+  return options;
+}
+
+void check(const Command& command, const taut::CommandOptions& options) {
+  if (options.target.empty())
+    throw taut::InputError(
+        fmt::format("taut {0}: {1} is missing; usage: taut {0} {1} [options]", command.name, command.argument));
+  if (options.threads < 0 || options.threads > 1024)
+    throw taut::InputError("--threads: a whole number from 1 to 1024 belongs here");
+  if (!(options.budget >= 0 && options.budget < 1e9))
+    throw taut::InputError("--budget: a number of seconds, zero or more, belongs here");
+  if (command.name == "predict" && options.rows.empty())
+    throw taut::InputError("taut predict: --rows FILE is missing; give a CSV file with the load columns of the bench");
+}
+
+int run(const std::vector<std::string>& arguments) {
   if (arguments.empty() || arguments[0] == "--help" || arguments[0] == "-h" || arguments[0] == "help") {
     print_help(std::cout);
     return arguments.empty() ? taut::exit_input : taut::exit_ok;
@@ -133,66 +202,22 @@ int run(int argc, char** argv) {
     return taut::exit_ok;
   }
   std::vector<std::string> names;
-  for (const Command& command : commands()) names.push_back(command.name);
   for (const Command& command : commands()) {
+    names.push_back(command.name);
     if (command.name != arguments[0]) continue;
-    taut::CommandOptions options;
-    options.stop = &stop_requested;
-    options.command_line = "taut";
-    for (const std::string& argument : arguments)
-      options.command_line += argument.find(' ') == std::string::npos ? " " + argument : " '" + argument + "'";
-    std::vector<std::string> settings;
-    po::options_description visible = options_of(command, options, settings), all;
-    std::vector<std::string*> positional{&options.target};
-    if (command.name == "chart") positional.insert(positional.begin(), &options.name);
-    std::vector<std::string> given;
-    all.add(visible).add_options()("positional", po::value(&given));
-    po::variables_map values;
-    po::store(
-        po::command_line_parser(std::vector<std::string>(arguments.begin() + 1, arguments.end()))
-            .options(all)
-            .positional(po::positional_options_description().add("positional", static_cast<int>(positional.size())))
-            .run(),
-        values);
-    po::notify(values);
-    for (size_t i = 0; i < given.size(); ++i) *positional[i] = given[i];
-    if (values.count("help") != 0) {
-      std::cout << command.summary << "\n\nexamples:\n"
-                << command.examples << "\nusage: taut " << command.name << " " << command.argument << " [options]\n\n"
-                << visible;
-      return taut::exit_ok;
-    }
-    if (options.target.empty())
-      throw taut::InputError(
-          fmt::format("taut {0}: {1} is missing; usage: taut {0} {1} [options]", command.name, command.argument));
-    if (options.threads < 0 || options.threads > 1024)
-      throw taut::InputError("--threads: a whole number from 1 to 1024 belongs here");
-    if (!(options.budget >= 0 && options.budget < 1e9))
-      throw taut::InputError("--budget: a number of seconds, zero or more, belongs here");
-    if (command.name == "predict" && options.rows.empty())
-      throw taut::InputError(
-          "taut predict: --rows FILE is missing; give a CSV file with the load columns of the bench");
-    for (const std::string& setting : settings) {
-      const size_t equals = setting.find('=');
-      if (equals == std::string::npos || equals == 0)
-        throw taut::InputError(fmt::format("--set {}: write ID=VALUE, for example --set E_foam=\"50 kPa\"", setting));
-      options.set[setting.substr(0, equals)] = setting.substr(equals + 1);
-    }
-    options.variants = values.count("no-variants") == 0;
-    return command.run(options);
+    const auto options = parse(command, {arguments.begin() + 1, arguments.end()});
+    if (!options) return taut::exit_ok;
+    check(command, *options);
+    return command.run(*options);
   }
   throw taut::InputError(fmt::format("unknown command '{}'{}; commands: {}", arguments[0],
                                      taut::did_you_mean(arguments[0], names), taut::join(names)));
 }
 
-}  // namespace
-
-int main(int argc, char** argv) {
-  std::signal(SIGINT, on_interrupt);
-  std::signal(SIGTERM, on_interrupt);
-  taut::use_one_blas_thread();
+/// Runs the command and turns what it throws into one sentence and an exit code.
+int guarded(const std::vector<std::string>& arguments) {
   try {
-    return run(argc, argv);
+    return run(arguments);
   } catch (const taut::InputError& error) {
     std::cerr << "taut: " << error.what() << "\n";
     return taut::exit_input;
@@ -202,8 +227,40 @@ int main(int argc, char** argv) {
   } catch (const std::bad_alloc&) {
     std::cerr << "taut: out of memory; use a coarser mesh or fewer threads\n";
     return taut::exit_internal;
+  } catch (const std::system_error&) {  // fmt, of a stream that takes no more: said below
+    return taut::exit_input;
   } catch (const std::exception& error) {
     std::cerr << "taut: internal fault: " << error.what() << "\n";
     return taut::exit_internal;
   }
+}
+
+/// Standard streams that the caller closed would be given to the next files that are opened, which then got what is
+/// printed. In their place stands a device that takes nothing.
+void hold_standard_streams() {
+  for (int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO}) {
+    if (fcntl(stream, F_GETFD) == -1 && open("/dev/full", stream == STDIN_FILENO ? O_RDONLY : O_WRONLY) == -1)
+      std::_Exit(taut::exit_internal);
+  }
+}
+
+/// Whether all that was printed has arrived. A reader that has seen enough (`taut replay | head`) is no error to tell.
+int end_output(int code) {
+  std::cout.flush();
+  errno = 0;
+  const bool lost = std::fflush(stdout) != 0 || std::ferror(stdout) != 0 || !std::cout;
+  if (!lost) return code;
+  if (errno != EPIPE)
+    std::cerr << "taut: what was printed could not be written to standard output; files of the run are complete\n";
+  return code == taut::exit_ok ? taut::exit_input : code;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  hold_standard_streams();
+  for (int signal : {SIGINT, SIGTERM, SIGHUP}) std::signal(signal, on_interrupt);
+  std::signal(SIGPIPE, SIG_IGN);  // a reader that ends early must not end a run
+  taut::use_one_blas_thread();
+  return end_output(guarded({argv + 1, argv + argc}));
 }

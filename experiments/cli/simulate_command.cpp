@@ -6,7 +6,10 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "experiments/cli/session.hpp"
+#include "calib/data/files.hpp"
+#include "calib/data/run_folder.hpp"
+#include "experiments/cli/progress.hpp"
+#include "experiments/cli/sensitivity_output.hpp"
 #include "experiments/cli/version.hpp"
 #include "reports/run_record.hpp"
 #include "reports/simulation_report.hpp"
@@ -45,6 +48,7 @@ std::string integrator_text(const Simulation& simulation) {
 std::vector<std::pair<std::string, std::string>> facts_of(const Simulation& simulation, const Robot& robot,
                                                           const SimulationResult& result) {
   std::vector<std::pair<std::string, std::string>> facts;
+  facts.reserve(16);  // else GCC 12 sees a write beyond the end, inlined, where there is none
   const Mesh& mesh = robot.scene.model->mesh();
   facts.emplace_back(
       "model", fmt::format("{} bodies, {} {} elements, {} unknowns", mesh.parts.size(), mesh.element_count(),
@@ -94,7 +98,7 @@ SimulationRecord make_record(const Simulation& simulation, const Robot& robot, c
         series_of(control.id, units_of(control.quantity).front(), control.id, result.controls[k]));
   }
   for (size_t k = 0; k < robot.readings.size(); ++k) {
-    const RobotReading& reading = robot.readings[k];
+    const SceneReading& reading = robot.readings[k];
     record.channels.push_back(series_of(reading.id, reading.unit, reading.meaning, result.readings[k]));
   }
   if (simulation.method != SimulationMethod::quasi_static) {
@@ -117,21 +121,21 @@ SimulationRecord make_record(const Simulation& simulation, const Robot& robot, c
   return record;
 }
 
-void print_summary(const SimulationRecord& record, bool as_json) {
-  if (as_json) {
-    nlohmann::ordered_json json;
-    json["title"] = record.title;
-    json["simulated"] = true;
-    for (const auto& [label, text] : record.facts) json["facts"][label] = text;
-    for (const Series& series : record.channels) {
-      const auto [least, most] = std::minmax_element(series.values.begin(), series.values.end());
-      json["channels"][series.id] = {
-          {"unit", series.unit}, {"min", *least}, {"max", *most}, {"end", series.values.back()}};
-    }
-    for (const auto& workspace : record.workspaces) json["workspace_m2"][workspace.mode] = workspace.area;
-    fmt::print("{}\n", json.dump(2));
-    return;
+nlohmann::ordered_json summary_json(const SimulationRecord& record) {
+  nlohmann::ordered_json json;
+  json["title"] = record.title;
+  json["simulated"] = true;
+  for (const auto& [label, text] : record.facts) json["facts"][label] = text;
+  for (const Series& series : record.channels) {
+    const auto [least, most] = std::minmax_element(series.values.begin(), series.values.end());
+    json["channels"][series.id] = {
+        {"unit", series.unit}, {"min", *least}, {"max", *most}, {"end", series.values.back()}};
   }
+  for (const auto& workspace : record.workspaces) json["workspace_m2"][workspace.mode] = workspace.area;
+  return json;
+}
+
+void print_summary(const SimulationRecord& record) {
   fmt::print("{} (a simulation)\n", record.title);
   for (const auto& [label, text] : record.facts) fmt::print("{:<18} {}\n", label, text);
   fmt::print("{:<22} {:>14} {:>14} {:>14}\n", "channel", "least", "most", "end");
@@ -144,6 +148,31 @@ void print_summary(const SimulationRecord& record, bool as_json) {
     fmt::print("workspace {:<12} {:.4g} cm2\n", workspace.mode, 1e4 * workspace.area);
 }
 
+/// Samples the workspaces that the file asks for.
+void add_workspaces(const Simulation& simulation, const Robot& robot, const CommandOptions& options, Progress& progress,
+                    SimulationRecord& record) {
+  for (const WorkspaceMode& mode : simulation.workspace->modes) {
+    progress.say(fmt::format("workspace of mode {}", mode.name));
+    if (options.stop != nullptr && options.stop->load()) break;
+    const WorkspaceResult reached = sample_workspace(simulation, robot, mode, options.stop);
+    if (reached.failures > 0)
+      record.facts.emplace_back("workspace " + mode.name,
+                                fmt::format("{} samples had no equilibrium and are left out", reached.failures));
+    record.workspaces.push_back({reached.mode, reached.points, reached.area, reached.outline});
+  }
+}
+
+/// What was asked for besides the run, as facts.
+void add_facts(const Robot& robot, const SimulationSensitivities& wanted, const SimulationResult& result,
+               SimulationRecord& record) {
+  if (wanted.all_readings)
+    record.facts.emplace_back("sensitivities",
+                              fmt::format("of {} channels with respect to {} parameters at {} times: sensitivities.csv",
+                                          robot.readings.size(), wanted.parameters.size(), result.derivatives.size()));
+  if (wanted.goal && !result.goal_sample)
+    record.facts.emplace_back("gradient", "none: the run ended before the goal's time");
+}
+
 }  // namespace
 
 SimulationRecord start_simulation_record(const Simulation& simulation, const Robot& robot,
@@ -154,10 +183,11 @@ SimulationRecord start_simulation_record(const Simulation& simulation, const Rob
   record.description = simulation.description;
   record.mesh = robot.scene.model->mesh();
   for (size_t k = 0; k < robot.cables.size(); ++k)
-    record.lines.push_back({simulation.cables[k].id, robot.cables[k].points});
-  for (const std::vector<Eigen::Vector2d>& line : simulation.obstacles)
+    record.lines.push_back({simulation.cables.cables[k].id, robot.cables[k].points});
+  for (const std::vector<Eigen::Vector2d>& line : simulation.contact.obstacles)
     record.obstacles.emplace_back(line.begin(), line.end());
-  record.grounds = simulation.grounds;
+  for (const GroundSettings& ground : simulation.contact.grounds)
+    record.grounds.emplace_back(ground.point, ground.normal);
   record.command_line = options.command_line;
   record.version = fmt::format("{} ({})", version(), commit());
   record.experiment_text = read_file(simulation.path);
@@ -178,10 +208,10 @@ int check_simulation(const CommandOptions& options) {
     const ControlSettings& control = simulation.controls[k];
     const std::string unit = units_of(control.quantity).front();
     lines.emplace_back("control " + control.id,
-                       fmt::format("{} at the start, {} at the end", with_unit(control.schedule.at(0), unit),
-                                   with_unit(control.schedule.at(simulation.duration), unit)));
+                       fmt::format("{} at the start, {} at the end", with_unit(simulation.schedules[k].at(0), unit),
+                                   with_unit(simulation.schedules[k].at(simulation.duration), unit)));
   }
-  for (const RobotReading& reading : robot.readings) lines.emplace_back("channel " + reading.id, reading.meaning);
+  for (const SceneReading& reading : robot.readings) lines.emplace_back("channel " + reading.id, reading.meaning);
   if (options.json) {
     nlohmann::ordered_json json;
     json["title"] = simulation.title;
@@ -194,6 +224,17 @@ int check_simulation(const CommandOptions& options) {
   return exit_ok;
 }
 
+/// Writes what a simulation left; where its figures fail, all else takes its place first.
+static void publish(const SimulationRecord& record, RunFolder& folder) {
+  try {
+    write_simulation(record, folder.next());
+  } catch (const InputError&) {
+    folder.publish();
+    throw;
+  }
+  folder.publish();
+}
+
 int simulate_command(const CommandOptions& options) {
   if (!is_simulation(options.target))
     throw InputError(
@@ -203,9 +244,11 @@ int simulate_command(const CommandOptions& options) {
   const Simulation simulation = read_simulation(options.target);
   Progress progress(options.quiet);
   const Robot robot = make_robot(simulation);
+  RunFolder folder(run_folder(options));
   progress.say(fmt::format("{}: {} unknowns", simulation.title, robot.scene.model->free_unknowns()));
   SimulateOptions simulate_options;
   simulate_options.stop = options.stop;
+  simulate_options.sensitivities = read_sensitivities(options, simulation, robot);
   simulate_options.progress = [&](double t, const SimulationResult& so_far) {
     progress.show(
         fmt::format("{} of {}, {} steps", with_unit(t, "s"), with_unit(simulation.duration, "s"), so_far.steps));
@@ -216,22 +259,26 @@ int simulate_command(const CommandOptions& options) {
     return result.interrupted ? exit_interrupted : exit_solve;
   }
   SimulationRecord record = make_record(simulation, robot, result, options);
-  if (simulation.workspace && result.failure.empty()) {
-    for (const WorkspaceMode& mode : simulation.workspace->modes) {
-      progress.say(fmt::format("workspace of mode {}", mode.name));
-      if (options.stop != nullptr && options.stop->load()) break;
-      const WorkspaceResult reached = sample_workspace(simulation, robot, mode, options.stop);
-      if (reached.failures > 0)
-        record.facts.emplace_back("workspace " + mode.name,
-                                  fmt::format("{} samples had no equilibrium and are left out", reached.failures));
-      record.workspaces.push_back({reached.mode, reached.points, reached.area, reached.outline});
-    }
+  const SimulationSensitivities& wanted = simulate_options.sensitivities;
+  add_facts(robot, wanted, result, record);
+  if (simulation.workspace && result.failure.empty()) add_workspaces(simulation, robot, options, progress, record);
+  const bool stopped = result.interrupted || interrupted(options);
+  if (stopped && folder.finished()) {
+    progress.say(fmt::format("interrupted; the finished run in {} stays as it is", folder.path()));
+    return exit_interrupted;
   }
-  const std::string folder = run_folder(options);
-  write_simulation(record, folder);
-  print_summary(record, options.json);
-  progress.say(fmt::format("report: {}/report.html", folder));
-  if (result.interrupted || (options.stop != nullptr && options.stop->load())) return exit_interrupted;
+  if (wanted.all_readings) write_file(folder.next() + "/sensitivities.csv", sensitivities_csv(robot, wanted, result));
+  publish(record, folder);
+  if (options.json) {
+    nlohmann::ordered_json json = summary_json(record);
+    add_sensitivities(simulation, robot, wanted, result, json);
+    fmt::print("{}\n", json.dump(2));
+  } else {
+    print_summary(record);
+    fmt::print("{}", goal_table(simulation, robot, wanted, result));
+  }
+  progress.say(fmt::format("report: {}/report.html", folder.path()));
+  if (stopped) return exit_interrupted;
   const bool unsound = result.smallest_jacobian <= 0 || result.intersecting > 0;
   return result.failure.empty() && !unsound ? exit_ok : exit_solve;
 }

@@ -7,19 +7,13 @@
 #include <stdexcept>
 
 #include "sim/contact/contact_geometry.hpp"
+#include "sim/contact/surface.hpp"
 #include "sim/core/error.hpp"
 
 namespace taut {
 namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
-
-/// The kappa of a pair: the smaller value, and between equals the lower index; -1 stands for "the other's".
-int softer(const Params& p, int one, int two) {
-  if (one < 0 || two < 0) return std::max(one, two);
-  if (p[one] != p[two]) return p[one] < p[two] ? one : two;
-  return std::min(one, two);
-}
 
 /// weight * kappa * b(distance) between a vertex and another vertex, the line through two, or a ground.
 struct Interaction {
@@ -67,55 +61,26 @@ struct Local {
 
 /// Vertices: the nodes of the edges in ascending order, then the obstacles' points. Edges: those of the settings, then
 /// the obstacles' segments.
-struct Contact::Surface {
+struct Contact::Surface : ContactSurface<2, ContactSettings> {
   struct Near {
     int vertex, edge;
     Closest closest;
   };
-  struct List {
-    std::vector<size_t> offsets{0};
-    std::vector<int> items;
-    std::pair<const int*, const int*> operator[](int i) const {
-      return {items.data() + offsets[static_cast<size_t>(i)], items.data() + offsets[static_cast<size_t>(i) + 1]};
-    }
-  };
-  /// Displacements of the vertices; relative positions without the digits that positions share.
-  struct State {
-    const Surface& surface;
-    Eigen::Matrix2Xd u;
-    Eigen::Vector2d from(int b, int a) const { return (surface.X.col(a) - surface.X.col(b)) + (u.col(a) - u.col(b)); }
-    Eigen::Vector2d position(int v) const { return surface.X.col(v) + u.col(v); }
-    Closest closest(int vertex, int edge) const {
-      const auto& [a, b] = surface.edges[static_cast<size_t>(edge)];
-      return closest_on_segment(from(a, vertex), from(a, b));
-    }
-  };
 
-  ContactSettings settings;
-  int mesh_nodes = 0, body_vertices = 0, body_edges = 0;
-  std::vector<int> nodes;  ///< mesh node of each body vertex
-  Eigen::Matrix2Xd X;      ///< [m]
+  int mesh_nodes = 0, body_edges = 0;
   std::vector<std::array<int, 2>> edges;
-  std::vector<int> edge_stiffness;  ///< -1: the other side's
-  std::vector<double> length;       ///< of rest boundary per vertex [m]
-  List edges_at, stiffness_at;      ///< per vertex
+  std::vector<int> edge_stiffness;    ///< -1: the other side's
+  std::vector<double> length;         ///< of rest boundary per vertex [m]
+  IndexLists edges_at, stiffness_at;  ///< per vertex
   BoxTree<2> body_tree, obstacle_tree;
 
-  int vertices() const { return static_cast<int>(X.cols()); }
+  Closest closest(const State& s, int vertex, int edge) const {
+    const auto& [a, b] = edges[static_cast<size_t>(edge)];
+    return closest_on_segment(s.from(a, vertex), s.from(a, b));
+  }
   bool contains(int edge, int vertex) const {
     const auto& [a, b] = edges[static_cast<size_t>(edge)];
     return a == vertex || b == vertex;
-  }
-  /// Two vertices of parts that do not see each other.
-  bool apart(int v, int w) const {
-    if (settings.apart.empty() || v >= body_vertices || w >= body_vertices) return false;
-    const auto part_of = [&](int vertex) {
-      return settings.part[static_cast<size_t>(nodes[static_cast<size_t>(vertex)])];
-    };
-    const int one = part_of(v), two = part_of(w);
-    return one != two && std::any_of(settings.apart.begin(), settings.apart.end(), [&](const auto& pair) {
-             return (pair[0] == one && pair[1] == two) || (pair[0] == two && pair[1] == one);
-           });
   }
   bool ignores(int edge, int vertex) const {
     return contains(edge, vertex) || apart(vertex, edges[static_cast<size_t>(edge)][0]);
@@ -123,29 +88,23 @@ struct Contact::Surface {
   int edge_count() const { return static_cast<int>(edges.size()); }
 
   Surface(const Mesh& mesh, ContactSettings given);
-  void add_obstacles(std::vector<Eigen::Vector2d>& places);
+  void add_obstacles();
   void find_neighbours();
 
-  State state(const Eigen::VectorXd& all) const {
-    State s{*this, Eigen::Matrix2Xd::Zero(2, vertices())};
-    for (int v = 0; v < body_vertices; ++v)
-      s.u.col(v) = all.segment<2>(2 * Eigen::Index(nodes[static_cast<size_t>(v)]));
-    return s;
-  }
-
-  /// Boxes of all nodes of the two trees.
+  /// Boxes of all nodes of the two trees, by those that box_of(vertex) gives.
   struct Boxes {
     std::vector<Box> body, obstacles;
   };
-  template <class EdgeBox>
-  Boxes enclose(EdgeBox&& edge_box) const;
+  template <class BoxOf>
+  Boxes enclose(BoxOf&& box_of) const {
+    const auto middle = edges.begin() + body_edges;
+    return {body_tree.enclose(boxes_of(edges.begin(), middle, box_of)),
+            obstacle_tree.enclose(boxes_of(middle, edges.end(), box_of))};
+  }
   /// visit(edge) for the edges that a vertex could touch and of which the boxes meet `box`.
   template <class Visit>
   void visit_edges(const Boxes& boxes, int vertex, const Box& box, Visit&& visit) const;
   std::vector<Near> pairs_within(const State& s, double reach, bool brute_force = false) const;
-  double height(const State& s, const GroundLine& ground, int vertex) const {
-    return (X.col(vertex) - ground.point).dot(ground.normal) + s.u.col(vertex).dot(ground.normal);
-  }
   int stiffness_of(const Params& p, int vertex) const {
     const auto [begin, end] = stiffness_at[vertex];
     int least = -1;
@@ -157,41 +116,23 @@ struct Contact::Surface {
   PairLaw law(const Params& p) const { return {{p[settings.gap], weighted() ? 1 : 2}, penalty()}; }
   double scale(const Params& p) const { return weighted() && settings.thickness >= 0 ? p[settings.thickness] : 1.0; }
   std::vector<Interaction> interactions(const State& s, const Params& p) const;
+  void add_vertex_interactions(const State& s, const Params& p, const Near* begin, const Near* end,
+                               std::vector<Interaction>& all) const;
   double distance(const State& s, const Interaction& i) const;
   void differentiate(const State& s, const Interaction& i, const Derivatives& f, Local& out) const;
 };
 
-Contact::Surface::Surface(const Mesh& mesh, ContactSettings given) : settings(std::move(given)) {
-  if (mesh.dimension() != 2) throw std::logic_error("contact: the mesh is not plane");
-  if (settings.gap < 0) throw std::logic_error("contact: no parameter for the gap");
-  if (settings.stiffness.size() != settings.edges.size())
-    throw std::logic_error("contact: one stiffness per edge is needed");
+Contact::Surface::Surface(const Mesh& mesh, ContactSettings given) : ContactSurface(std::move(given)) {
   mesh_nodes = mesh.node_count();
-  for (size_t e = 0; e < settings.edges.size(); ++e) {
-    for (int node : settings.edges[e]) {
-      if (node < 0 || node >= mesh_nodes) throw std::logic_error("contact: an edge has a node outside the mesh");
-      nodes.push_back(node);
-    }
-    if (settings.stiffness[e] < 0) throw std::logic_error("contact: an edge has no stiffness");
-  }
-  std::sort(nodes.begin(), nodes.end());
-  nodes.erase(std::unique(nodes.begin(), nodes.end()), nodes.end());
-  body_vertices = static_cast<int>(nodes.size());
-  body_edges = static_cast<int>(settings.edges.size());
-  const auto vertex_of = [&](int node) {
-    return static_cast<int>(std::lower_bound(nodes.begin(), nodes.end(), node) - nodes.begin());
-  };
-  for (const auto& edge : settings.edges) edges.push_back({vertex_of(edge[0]), vertex_of(edge[1])});
+  edges = number_vertices(mesh, settings.edges, "an edge");
+  body_edges = edge_count();
   edge_stiffness = settings.stiffness;
-  std::vector<Eigen::Vector2d> places;
-  for (int node : nodes) places.emplace_back(mesh.node(node));
-  add_obstacles(places);
-  X.resize(2, static_cast<Eigen::Index>(places.size()));
-  for (size_t v = 0; v < places.size(); ++v) X.col(static_cast<Eigen::Index>(v)) = places[v];
+  add_obstacles();
+  normalise_grounds();
   find_neighbours();
 }
 
-void Contact::Surface::add_obstacles(std::vector<Eigen::Vector2d>& places) {
+void Contact::Surface::add_obstacles() {
   for (size_t o = 0; o < settings.obstacles.size(); ++o) {
     const auto& line = settings.obstacles[o];
     if (line.size() < 2)
@@ -203,18 +144,13 @@ void Contact::Surface::add_obstacles(std::vector<Eigen::Vector2d>& places) {
       }
     }
     const bool closed = line.size() > 3 && line.front() == line.back();
-    const int first = static_cast<int>(places.size()), count = static_cast<int>(line.size()) - (closed ? 1 : 0);
-    places.insert(places.end(), line.begin(), line.begin() + count);
+    const int first = vertices(), count = static_cast<int>(line.size()) - (closed ? 1 : 0);
+    X.conservativeResize(2, first + count);
+    for (int k = 0; k < count; ++k) X.col(first + k) = line[static_cast<size_t>(k)];
     for (int k = 0; k + 1 < static_cast<int>(line.size()); ++k) {
       edges.push_back({first + k, first + (k + 1) % count});
       edge_stiffness.push_back(settings.obstacle_stiffness);
     }
-  }
-  for (size_t g = 0; g < settings.grounds.size(); ++g) {
-    GroundLine& ground = settings.grounds[g];
-    if (!ground.point.allFinite() || !ground.normal.allFinite() || !(ground.normal.norm() > 0))
-      throw InputError(fmt::format("contact: ground {} needs a finite point and a normal of unit length", g + 1));
-    ground.normal.normalize();
   }
 }
 
@@ -233,28 +169,15 @@ void Contact::Surface::find_neighbours() {
     (e < body_edges ? body : obstacles).emplace_back(0.5 * (X.col(a) + X.col(b)));
   }
   for (const auto& list : at) {
-    edges_at.items.insert(edges_at.items.end(), list.begin(), list.end());
-    edges_at.offsets.push_back(edges_at.items.size());
+    edges_at.add(list);
     std::vector<int> kinds;
     for (int e : list) kinds.push_back(edge_stiffness[static_cast<size_t>(e)]);
     std::sort(kinds.begin(), kinds.end());
     kinds.erase(std::unique(kinds.begin(), kinds.end()), kinds.end());
-    stiffness_at.items.insert(stiffness_at.items.end(), kinds.begin(), kinds.end());
-    stiffness_at.offsets.push_back(stiffness_at.items.size());
+    stiffness_at.add(kinds);
   }
   body_tree = BoxTree<2>(body);
   obstacle_tree = BoxTree<2>(obstacles);
-}
-
-template <class EdgeBox>
-Contact::Surface::Boxes Contact::Surface::enclose(EdgeBox&& edge_box) const {
-  const auto boxes_of = [&](const BoxTree<2>& tree, int begin, int end) {
-    std::vector<Box> leaves;
-    leaves.reserve(static_cast<size_t>(end - begin));
-    for (int e = begin; e < end; ++e) leaves.push_back(edge_box(edges[static_cast<size_t>(e)]));
-    return tree.enclose(leaves);
-  };
-  return {boxes_of(body_tree, 0, body_edges), boxes_of(obstacle_tree, body_edges, edge_count())};
 }
 
 template <class Visit>
@@ -262,98 +185,93 @@ void Contact::Surface::visit_edges(const Boxes& boxes, int vertex, const Box& bo
   body_tree.visit(boxes.body, box, [&](int e) {
     if (!ignores(e, vertex)) visit(e);
   });
-  if (vertex < body_vertices) obstacle_tree.visit(boxes.obstacles, box, [&](int e) { visit(body_edges + e); });
+  if (vertex < moving()) obstacle_tree.visit(boxes.obstacles, box, [&](int e) { visit(body_edges + e); });
 }
 
 std::vector<Contact::Surface::Near> Contact::Surface::pairs_within(const State& s, double reach,
                                                                    bool brute_force) const {
   std::vector<Near> pairs;
   const auto look = [&](int vertex, int edge) {
-    const Closest closest = s.closest(vertex, edge);
-    if (closest.distance < reach) pairs.push_back({vertex, edge, closest});
+    const Closest near = closest(s, vertex, edge);
+    if (near.distance < reach) pairs.push_back({vertex, edge, near});
   };
   if (brute_force) {
     for (int v = 0; v < vertices(); ++v) {
-      for (int e = 0; e < (v < body_vertices ? edge_count() : body_edges); ++e) {
+      for (int e = 0; e < (v < moving() ? edge_count() : body_edges); ++e) {
         if (!ignores(e, v)) look(v, e);
       }
     }
     return pairs;
   }
   // Positions are rounded, relative positions less so: a little more than the reach loses no pair.
-  const double margin = reach * (1 + 1e-6) + 1e-15 * (X.cwiseAbs().maxCoeff() + s.u.cwiseAbs().maxCoeff());
-  const Eigen::Matrix2Xd x = X + s.u;
-  const Eigen::Vector2d around = Eigen::Vector2d::Constant(margin);
-  const Boxes boxes = enclose([&](const auto& edge) {
-    const auto [a, b] = edge;
-    return Box(x.col(a).cwiseMin(x.col(b)) - around, x.col(a).cwiseMax(x.col(b)) + around);
-  });
-  for (int v = 0; v < vertices(); ++v)
-    visit_edges(boxes, v, Box(Eigen::Vector2d(x.col(v))), [&](int e) { look(v, e); });
+  const double margin = reach * (1 + 1e-6) + s.rounding();
+  const Places x = s.positions();
+  const Boxes boxes = enclose([&](int v) { return Box(x.col(v).array() - margin, x.col(v).array() + margin); });
+  for (int v = 0; v < vertices(); ++v) visit_edges(boxes, v, Box(Place(x.col(v))), [&](int e) { look(v, e); });
   std::sort(pairs.begin(), pairs.end(), [](const Near& one, const Near& two) {
     return one.vertex < two.vertex || (one.vertex == two.vertex && one.edge < two.edge);
   });
   return pairs;
 }
 
-std::vector<Interaction> Contact::Surface::interactions(const State& s, const Params& p) const {
+/// What one vertex feels: the edges near it, less what their vertices count twice.
+void Contact::Surface::add_vertex_interactions(const State& s, const Params& p, const Near* begin, const Near* end,
+                                               std::vector<Interaction>& all) const {
   using Kind = Interaction::Kind;
+  const int i = begin->vertex, own = stiffness_of(p, i);
+  const double gap = p[settings.gap], weight = weighted() ? 0.5 * length[static_cast<size_t>(i)] : 1.0;
+  const size_t first_of_vertex = all.size();
+  const auto add_vertex = [&](int v, int stiffness, double w) {
+    // Edges that end in v and the vertex taken back are the same function: what remains is often nothing.
+    for (size_t k = first_of_vertex; k < all.size(); ++k) {
+      if (all[k].kind == Kind::vertex && all[k].first == v && all[k].stiffness == stiffness) {
+        all[k].weight += w;
+        return;
+      }
+    }
+    all.push_back({Kind::vertex, i, v, -1, stiffness, w});
+  };
+  for (const Near* near = begin; near != end; ++near) {
+    const int e = near->edge;
+    const auto& [a, b] = edges[static_cast<size_t>(e)];
+    const int stiffness = softer(p, own, edge_stiffness[static_cast<size_t>(e)]);
+    if (near->closest.part == Closest::Part::inside)
+      all.push_back({Kind::line, i, a, b, stiffness, weight});
+    else
+      add_vertex(near->closest.part == Closest::Part::first_end ? a : b, stiffness, weight);
+    if (settings.form == ContactForm::pair_sum) continue;
+    for (int v : {a, b}) {
+      // Once per vertex: with the first of its edges that does not contain i.
+      const auto [first, last] = edges_at[v];
+      const int* lead = std::find_if(first, last, [&](int other) { return !ignores(other, i); });
+      if (*lead != e || last - lead < 2 || !(s.from(v, i).norm() < gap)) continue;
+      int softest = -1;
+      for (const int* other = lead; other != last; ++other) {
+        if (ignores(*other, i)) continue;
+        const int here = softer(p, own, edge_stiffness[static_cast<size_t>(*other)]);
+        add_vertex(v, here, -weight);
+        softest = softer(p, softest, here);
+      }
+      add_vertex(v, softest, weight);
+    }
+  }
+}
+
+std::vector<Interaction> Contact::Surface::interactions(const State& s, const Params& p) const {
   const double gap = p[settings.gap];
-  const bool by_length = weighted();
   const std::vector<Near> pairs = pairs_within(s, gap);
   std::vector<Interaction> all;
   for (size_t begin = 0, end = 0; begin < pairs.size(); begin = end) {
-    const int i = pairs[begin].vertex, own = stiffness_of(p, i);
-    const double weight = by_length ? 0.5 * length[static_cast<size_t>(i)] : 1.0;
-    const size_t first_of_vertex = all.size();
-    const auto add_vertex = [&](int v, int stiffness, double w) {
-      // Edges that end in v and the vertex taken back are the same function: what remains is often nothing.
-      for (size_t k = first_of_vertex; k < all.size(); ++k) {
-        if (all[k].kind == Kind::vertex && all[k].first == v && all[k].stiffness == stiffness) {
-          all[k].weight += w;
-          return;
-        }
-      }
-      all.push_back({Kind::vertex, i, v, -1, stiffness, w});
-    };
-    for (end = begin; end < pairs.size() && pairs[end].vertex == i; ++end) {
-      const int e = pairs[end].edge;
-      const auto& [a, b] = edges[static_cast<size_t>(e)];
-      const int stiffness = softer(p, own, edge_stiffness[static_cast<size_t>(e)]);
-      switch (pairs[end].closest.part) {
-        case Closest::Part::inside:
-          all.push_back({Kind::line, i, a, b, stiffness, weight});
-          break;
-        case Closest::Part::first_end:
-          add_vertex(a, stiffness, weight);
-          break;
-        case Closest::Part::second_end:
-          add_vertex(b, stiffness, weight);
-          break;
-      }
-      if (settings.form == ContactForm::pair_sum) continue;
-      for (int v : {a, b}) {
-        // Once per vertex: with the first of its edges that does not contain i.
-        const auto [first, last] = edges_at[v];
-        const int* lead = std::find_if(first, last, [&](int other) { return !ignores(other, i); });
-        if (*lead != e || last - lead < 2 || !(s.from(v, i).norm() < gap)) continue;
-        int softest = -1;
-        for (const int* other = lead; other != last; ++other) {
-          if (ignores(*other, i)) continue;
-          const int here = softer(p, own, edge_stiffness[static_cast<size_t>(*other)]);
-          add_vertex(v, here, -weight);
-          softest = softer(p, softest, here);
-        }
-        add_vertex(v, softest, weight);
-      }
-    }
+    while (end < pairs.size() && pairs[end].vertex == pairs[begin].vertex) ++end;
+    add_vertex_interactions(s, p, pairs.data() + begin, pairs.data() + end, all);
   }
   all.erase(std::remove_if(all.begin(), all.end(), [](const Interaction& i) { return i.weight == 0; }), all.end());
-  for (int g = 0; g < static_cast<int>(settings.grounds.size()); ++g) {
-    for (int v = 0; v < body_vertices; ++v) {
-      if (!(height(s, settings.grounds[static_cast<size_t>(g)], v) < gap)) continue;
+  for (int g = 0; g < ground_count(); ++g) {
+    for (int v = 0; v < moving(); ++v) {
+      if (!(s.height(g, v) < gap)) continue;
       const int stiffness = softer(p, stiffness_of(p, v), settings.obstacle_stiffness);
-      all.push_back({Kind::ground, v, g, -1, stiffness, by_length ? length[static_cast<size_t>(v)] : 1.0});
+      const double weight = weighted() ? length[static_cast<size_t>(v)] : 1.0;
+      all.push_back({Interaction::Kind::ground, v, g, -1, stiffness, weight});
     }
   }
   return all;
@@ -368,7 +286,7 @@ double Contact::Surface::distance(const State& s, const Interaction& i) const {
     case Interaction::Kind::ground:
       break;
   }
-  return height(s, settings.grounds[static_cast<size_t>(i.first)], i.vertex);
+  return s.height(i.first, i.vertex);
 }
 
 void Contact::Surface::differentiate(const State& s, const Interaction& i, const Derivatives& f, Local& out) const {
@@ -378,7 +296,7 @@ void Contact::Surface::differentiate(const State& s, const Interaction& i, const
     int n = 0, position = 0;
     out.count = 0;
     for (int v : involved) {
-      if (v < body_vertices) {
+      if (v < moving()) {
         out.nodes[static_cast<size_t>(out.count++)] = nodes[static_cast<size_t>(v)];
         for (int k = 0; k < 2; ++k) row[static_cast<size_t>(n++)] = 2 * position + k;
       }
@@ -497,27 +415,15 @@ double Contact::step_limit(const Point& at, const Eigen::VectorXd& step) const {
   if (!step.allFinite() || !at.u.allFinite()) return 0;
   const Surface& surface = *surface_;
   const Surface::State s = surface.state(at.u), change = surface.state(step);
-  double limit = 1;
-  for (const GroundLine& ground : surface.settings.grounds) {
-    for (int v = 0; v < surface.body_vertices; ++v) {
-      const double height = surface.height(s, ground, v), fall = -change.u.col(v).dot(ground.normal);
-      if (fall > 0 && 0.9 * height < limit * fall) limit = std::max(0.0, 0.9 * height / fall);
-    }
-  }
-  const Eigen::Matrix2Xd x = surface.X + s.u, y = x + change.u;
-  // A pair that comes down to a tenth of its distance d moves by 0.9 d: boxes that much wider see all of them.
-  const double margin =
-      1e-15 * std::max(x.cwiseAbs().maxCoeff(), y.cwiseAbs().maxCoeff()) + 0.12 * change.u.colwise().norm().maxCoeff();
-  const auto around = [](const Eigen::Vector2d& low, const Eigen::Vector2d& high, double by) {
-    return Box(low.array() - by, high.array() + by);
-  };
-  const auto swept = [&](int v) { return around(x.col(v).cwiseMin(y.col(v)), x.col(v).cwiseMax(y.col(v)), margin); };
-  const Surface::Boxes boxes = surface.enclose([&](const auto& edge) { return swept(edge[0]).merged(swept(edge[1])); });
+  double limit = surface.ground_limit(s, change);
+  const Surface::Sweep swept(s, change);
+  const Surface::Boxes boxes = surface.enclose(swept);
   // Distance to the nearest edge at the start, if that is below `radius`.
   const auto clearance = [&](int v, double radius) {
     double nearest = radius;
-    surface.visit_edges(boxes, v, around(x.col(v), x.col(v), radius),
-                        [&](int e) { nearest = std::min(nearest, s.closest(v, e).distance); });
+    const Surface::Box around(swept.x.col(v).array() - radius, swept.x.col(v).array() + radius);
+    surface.visit_edges(boxes, v, around,
+                        [&](int e) { nearest = std::min(nearest, surface.closest(s, v, e).distance); });
     return nearest;
   };
   for (int v = 0; v < surface.vertices() && limit > 0; ++v) {
@@ -541,14 +447,13 @@ std::vector<ContactPair> Contact::active_pairs(const Point& at, bool brute_force
   const double gap = at.p[surface.settings.gap];
   std::vector<ContactPair> pairs;
   const auto number = [&](int v) {
-    return v < surface.body_vertices ? surface.nodes[static_cast<size_t>(v)]
-                                     : surface.mesh_nodes + v - surface.body_vertices;
+    return v < surface.moving() ? surface.nodes[static_cast<size_t>(v)] : surface.mesh_nodes + v - surface.moving();
   };
   for (const Surface::Near& near : surface.pairs_within(s, gap, brute_force))
     pairs.push_back({number(near.vertex), near.edge, near.closest.distance});
-  for (int g = 0; g < static_cast<int>(surface.settings.grounds.size()); ++g) {
-    for (int v = 0; v < surface.body_vertices; ++v) {
-      const double height = surface.height(s, surface.settings.grounds[static_cast<size_t>(g)], v);
+  for (int g = 0; g < surface.ground_count(); ++g) {
+    for (int v = 0; v < surface.moving(); ++v) {
+      const double height = s.height(g, v);
       if (height < gap) pairs.push_back({number(v), surface.edge_count() + g, height});
     }
   }
@@ -561,32 +466,19 @@ std::vector<ContactPair> Contact::active_pairs(const Point& at, bool brute_force
 double Contact::smallest_distance(const Eigen::VectorXd& u, double horizon) const {
   const Surface& surface = *surface_;
   const Surface::State s = surface.state(u);
-  double smallest = infinity;
+  double smallest = surface.lowest(s, horizon);
   for (const Surface::Near& near : surface.pairs_within(s, horizon))
     smallest = std::min(smallest, near.closest.distance);
-  for (const GroundLine& ground : surface.settings.grounds) {
-    for (int v = 0; v < surface.body_vertices; ++v) {
-      const double height = surface.height(s, ground, v);
-      if (height < horizon) smallest = std::min(smallest, height);
-    }
-  }
   return smallest;
 }
 
 bool Contact::intersects(const Eigen::VectorXd& u) const {
   const Surface& surface = *surface_;
   const Surface::State s = surface.state(u);
-  for (const GroundLine& ground : surface.settings.grounds) {
-    for (int v = 0; v < surface.body_vertices; ++v) {
-      if (!(surface.height(s, ground, v) > 0)) return true;
-    }
-  }
-  const Eigen::Matrix2Xd x = surface.X + s.u;
-  std::vector<Box> boxes;
-  for (const auto& [a, b] : surface.edges) boxes.emplace_back(x.col(a).cwiseMin(x.col(b)), x.col(a).cwiseMax(x.col(b)));
-  const auto begin = boxes.begin();
-  const std::vector<Box> body = surface.body_tree.enclose({begin, begin + surface.body_edges});
-  const std::vector<Box> obstacles = surface.obstacle_tree.enclose({begin + surface.body_edges, boxes.end()});
+  if (surface.behind_a_ground(s)) return true;
+  const Surface::Places x = s.positions();
+  const auto place = [&](int v) { return Surface::Box(Surface::Place(x.col(v))); };
+  const Surface::Boxes boxes = surface.enclose(place);
   bool found = false;
   const auto look = [&](int e, int f) {
     if (found || e >= f) return;
@@ -604,9 +496,10 @@ bool Contact::intersects(const Eigen::VectorXd& u) const {
     }
   };
   for (int e = 0; e < surface.body_edges && !found; ++e) {
-    const Box& box = boxes[static_cast<size_t>(e)];
-    surface.body_tree.visit(body, box, [&](int f) { look(e, f); });
-    surface.obstacle_tree.visit(obstacles, box, [&](int f) { look(e, surface.body_edges + f); });
+    const auto& [a, b] = surface.edges[static_cast<size_t>(e)];
+    const Surface::Box box = place(a).merged(place(b));
+    surface.body_tree.visit(boxes.body, box, [&](int f) { look(e, f); });
+    surface.obstacle_tree.visit(boxes.obstacles, box, [&](int f) { look(e, surface.body_edges + f); });
   }
   return found;
 }

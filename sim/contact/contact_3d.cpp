@@ -10,20 +10,13 @@
 
 #include "sim/contact/contact_geometry.hpp"
 #include "sim/contact/contact_geometry_3d.hpp"
-#include "sim/core/error.hpp"
+#include "sim/contact/surface.hpp"
 
 namespace taut {
 namespace {
 
 using Eigen::Vector3d;
 constexpr double infinity = std::numeric_limits<double>::infinity();
-
-/// The kappa of a pair: the smaller value, and between equals the lower index; -1 stands for "the other's".
-int softer(const Params& p, int one, int two) {
-  if (one < 0 || two < 0) return std::max(one, two);
-  if (p[one] != p[two]) return p[one] < p[two] ? one : two;
-  return std::min(one, two);
-}
 
 /// weight * kappa * b(distance) of a vertex and another vertex, an edge, a triangle or a ground, or of two edges.
 struct Interaction {
@@ -41,86 +34,39 @@ struct Local {
   std::array<int, 4> nodes{};
   FeatureDistance::Vector gradient;
   Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor, 12, 12> hessian;
+
+  void use(const std::vector<int>& mesh_nodes, std::initializer_list<int> vertices) {
+    count = 0;
+    for (int v : vertices) nodes[static_cast<size_t>(count++)] = mesh_nodes[static_cast<size_t>(v)];
+  }
 };
 
 }  // namespace
 
 /// Vertices are the nodes of the triangles in ascending order.
-struct Contact3d::Surface {
-  struct List {
-    std::vector<size_t> offsets{0};
-    std::vector<int> items;
-    std::pair<const int*, const int*> operator[](int i) const {
-      return {items.data() + offsets[static_cast<size_t>(i)], items.data() + offsets[static_cast<size_t>(i) + 1]};
-    }
-    void assign(const std::vector<std::vector<int>>& lists) {
-      for (const std::vector<int>& list : lists) {
-        items.insert(items.end(), list.begin(), list.end());
-        offsets.push_back(items.size());
-      }
-    }
-  };
-  /// Displacements of the vertices; relative positions without the digits that positions share.
-  struct State {
-    const Surface& surface;
-    Eigen::Matrix3Xd u;
-    Vector3d from(int b, int a) const { return (surface.X.col(a) - surface.X.col(b)) + (u.col(a) - u.col(b)); }
-    Closest3 vertex_edge(int v, int edge) const {
-      const auto& [a, b] = surface.edges[static_cast<size_t>(edge)];
-      return closest_on_segment(from(a, v), from(a, b));
-    }
-    Closest3 vertex_triangle(int v, int triangle) const {
-      const auto& [a, b, c] = surface.triangles[static_cast<size_t>(triangle)];
-      return closest_on_triangle(from(a, v), from(a, b), from(a, c));
-    }
-    Closest3 edges(int one, int two) const {
-      const auto& [a, b] = surface.edges[static_cast<size_t>(one)];
-      const auto& [c, d] = surface.edges[static_cast<size_t>(two)];
-      return closest_of_segments(from(c, a), from(a, b), from(c, d));
-    }
-    double height(int ground, int v) const {
-      const GroundPlane& plane = surface.settings.grounds[static_cast<size_t>(ground)];
-      return (surface.X.col(v) - plane.point).dot(plane.normal) + u.col(v).dot(plane.normal);
-    }
-  };
+struct Contact3d::Surface : ContactSurface<3, Contact3dSettings> {
   /// What comes nearer than some reach: a vertex and a triangle, or two edges.
   struct Near {
     int first, second;
     Closest3 closest;
   };
 
-  Contact3dSettings settings;
-  std::vector<int> nodes;  ///< mesh node of each vertex
-  Eigen::Matrix3Xd X;      ///< [m]
   std::vector<std::array<int, 3>> triangles;
   std::vector<std::array<int, 2>> edges;           ///< each once, lower vertex first
   std::vector<std::array<int, 3>> triangle_edges;  ///< from each of its vertices to the next
   std::vector<double> area, edge_area;             ///< w_i and w_e [m2]
   std::vector<double> edge_length;                 ///< at rest [m]
-  List triangles_at, edges_at, triangles_at_edge;
+  IndexLists triangles_at, edges_at, triangles_at_edge;
   BoxTree<3> triangle_tree, edge_tree;
 
   Surface(const Mesh& mesh, Contact3dSettings given);
   void find_edges();
 
-  int vertices() const { return static_cast<int>(nodes.size()); }
   int triangle_count() const { return static_cast<int>(triangles.size()); }
   int edge_count() const { return static_cast<int>(edges.size()); }
-  int ground_count() const { return static_cast<int>(settings.grounds.size()); }
   bool contains(int triangle, int vertex) const {
     const auto& t = triangles[static_cast<size_t>(triangle)];
     return t[0] == vertex || t[1] == vertex || t[2] == vertex;
-  }
-  /// Two vertices of parts that do not see each other.
-  bool apart(int v, int w) const {
-    if (settings.apart.empty()) return false;
-    const auto part_of = [&](int vertex) {
-      return settings.part[static_cast<size_t>(nodes[static_cast<size_t>(vertex)])];
-    };
-    const int one = part_of(v), two = part_of(w);
-    return one != two && std::any_of(settings.apart.begin(), settings.apart.end(), [&](const auto& pair) {
-             return (pair[0] == one && pair[1] == two) || (pair[0] == two && pair[1] == one);
-           });
   }
   bool may_touch(int vertex, int triangle) const {
     return !contains(triangle, vertex) && !apart(vertex, triangles[static_cast<size_t>(triangle)][0]);
@@ -131,22 +77,18 @@ struct Contact3d::Surface {
     return a != c && a != d && b != c && b != d && !apart(a, c);
   }
 
-  State state(const Eigen::VectorXd& all) const {
-    State s{*this, Eigen::Matrix3Xd(3, vertices())};
-    for (int v = 0; v < vertices(); ++v) s.u.col(v) = all.segment<3>(3 * Eigen::Index(nodes[static_cast<size_t>(v)]));
-    return s;
+  Closest3 vertex_edge(const State& s, int v, int edge) const {
+    const auto& [a, b] = edges[static_cast<size_t>(edge)];
+    return closest_on_segment(s.from(a, v), s.from(a, b));
   }
-  /// Boxes of the features around those that box_of(vertex) gives.
-  template <class BoxOf, class Features>
-  static std::vector<Box3> boxes_of(const Features& features, BoxOf&& box_of) {
-    std::vector<Box3> boxes;
-    boxes.reserve(features.size());
-    for (const auto& feature : features) {
-      Box3 box;
-      for (int v : feature) box.extend(box_of(v));
-      boxes.push_back(box);
-    }
-    return boxes;
+  Closest3 vertex_triangle(const State& s, int v, int triangle) const {
+    const auto& [a, b, c] = triangles[static_cast<size_t>(triangle)];
+    return closest_on_triangle(s.from(a, v), s.from(a, b), s.from(a, c));
+  }
+  Closest3 closest_of_edges(const State& s, int one, int two) const {
+    const auto& [a, b] = edges[static_cast<size_t>(one)];
+    const auto& [c, d] = edges[static_cast<size_t>(two)];
+    return closest_of_segments(s.from(c, a), s.from(a, b), s.from(c, d));
   }
   /// visit(vertex, triangle) and visit_edges(edge, edge) for all that could touch and whose boxes meet.
   template <class BoxOf, class Visit, class VisitEdges>
@@ -154,7 +96,7 @@ struct Contact3d::Surface {
   /// Pairs nearer than `reach`, and edges nearer than `edge_reach`, both sorted.
   std::pair<std::vector<Near>, std::vector<Near>> pairs_within(const State& s, double reach, double edge_reach,
                                                                bool brute_force = false) const;
-  int stiffness_at(const Params& p, const List& features, int feature) const {
+  int stiffness_at(const Params& p, const IndexLists& features, int feature) const {
     int least = -1;
     const auto [begin, end] = features[feature];
     for (const int* t = begin; t != end; ++t) least = softer(p, least, settings.stiffness[static_cast<size_t>(*t)]);
@@ -169,37 +111,18 @@ struct Contact3d::Surface {
   }
   void differentiate(const State& s, const Interaction& i, const std::array<double, 3>& b, bool wants_hessian,
                      Local& out) const;
+  struct EdgesDistance {
+    FeatureDistance distance;
+    std::array<int, 4> position{};  ///< of the distance's vertices among the four of the edges
+  };
+  EdgesDistance distance_of_edges(const State& s, const Interaction& i) const;
+  void differentiate_edges(const State& s, const Interaction& i, const std::array<double, 3>& b, bool wants_hessian,
+                           Local& out) const;
 };
 
-Contact3d::Surface::Surface(const Mesh& mesh, Contact3dSettings given) : settings(std::move(given)) {
-  if (mesh.dimension() != 3) throw std::logic_error("contact: the mesh is plane");
-  if (settings.gap < 0) throw std::logic_error("contact: no parameter for the gap");
-  if (settings.stiffness.size() != settings.triangles.size())
-    throw std::logic_error("contact: one stiffness per triangle is needed");
-  if (!settings.apart.empty() && settings.part.size() != static_cast<size_t>(mesh.node_count()))
-    throw std::logic_error("contact: parts that do not see each other need the part of each node");
-  for (size_t t = 0; t < settings.triangles.size(); ++t) {
-    for (int node : settings.triangles[t]) {
-      if (node < 0 || node >= mesh.node_count())
-        throw std::logic_error("contact: a triangle has a node outside the mesh");
-      nodes.push_back(node);
-    }
-    if (settings.stiffness[t] < 0) throw std::logic_error("contact: a triangle has no stiffness");
-  }
-  std::sort(nodes.begin(), nodes.end());
-  nodes.erase(std::unique(nodes.begin(), nodes.end()), nodes.end());
-  const auto vertex_of = [&](int node) {
-    return static_cast<int>(std::lower_bound(nodes.begin(), nodes.end(), node) - nodes.begin());
-  };
-  for (const auto& t : settings.triangles) triangles.push_back({vertex_of(t[0]), vertex_of(t[1]), vertex_of(t[2])});
-  X.resize(3, vertices());
-  for (int v = 0; v < vertices(); ++v) X.col(v) = mesh.node(nodes[static_cast<size_t>(v)]);
-  for (size_t g = 0; g < settings.grounds.size(); ++g) {
-    GroundPlane& ground = settings.grounds[g];
-    if (!ground.point.allFinite() || !ground.normal.allFinite() || !(ground.normal.norm() > 0))
-      throw InputError(fmt::format("contact: ground {} needs a finite point and a normal of unit length", g + 1));
-    ground.normal.normalize();
-  }
+Contact3d::Surface::Surface(const Mesh& mesh, Contact3dSettings given) : ContactSurface(std::move(given)) {
+  triangles = number_vertices(mesh, settings.triangles, "a triangle");
+  normalise_grounds();
   find_edges();
 }
 
@@ -251,13 +174,13 @@ void Contact3d::Surface::find_edges() {
 
 template <class BoxOf, class Visit, class VisitEdges>
 void Contact3d::Surface::visit_pairs(BoxOf&& box_of, Visit&& visit, VisitEdges&& visit_edges) const {
-  const std::vector<Box3> triangle_boxes = triangle_tree.enclose(boxes_of(triangles, box_of));
+  const std::vector<Box3> triangle_boxes = triangle_tree.enclose(boxes_of(triangles.begin(), triangles.end(), box_of));
   for (int v = 0; v < vertices(); ++v) {
     triangle_tree.visit(triangle_boxes, box_of(v), [&](int t) {
       if (may_touch(v, t)) visit(v, t);
     });
   }
-  const std::vector<Box3> own = boxes_of(edges, box_of), edge_boxes = edge_tree.enclose(own);
+  const std::vector<Box3> own = boxes_of(edges.begin(), edges.end(), box_of), edge_boxes = edge_tree.enclose(own);
   for (int e = 0; e < edge_count(); ++e) {
     edge_tree.visit(edge_boxes, own[static_cast<size_t>(e)], [&](int f) {
       if (e < f && edges_may_touch(e, f)) visit_edges(e, f);
@@ -269,11 +192,11 @@ std::pair<std::vector<Contact3d::Surface::Near>, std::vector<Contact3d::Surface:
 Contact3d::Surface::pairs_within(const State& s, double reach, double edge_reach, bool brute_force) const {
   std::vector<Near> points, lines;
   const auto look = [&](int v, int t) {
-    const Closest3 closest = s.vertex_triangle(v, t);
+    const Closest3 closest = vertex_triangle(s, v, t);
     if (closest.distance < reach) points.push_back({v, t, closest});
   };
   const auto look_at_edges = [&](int e, int f) {
-    const Closest3 closest = s.edges(e, f);
+    const Closest3 closest = closest_of_edges(s, e, f);
     if (closest.distance < edge_reach) lines.push_back({e, f, closest});
   };
   if (brute_force) {
@@ -291,9 +214,8 @@ Contact3d::Surface::pairs_within(const State& s, double reach, double edge_reach
   }
   // Half of the reach around both sides. Positions are rounded, relative positions less so: a little more loses no
   // pair.
-  const double margin =
-      0.5 * std::max(reach, edge_reach) * (1 + 1e-6) + 1e-15 * (X.cwiseAbs().maxCoeff() + s.u.cwiseAbs().maxCoeff());
-  const Eigen::Matrix3Xd x = X + s.u;
+  const double margin = 0.5 * std::max(reach, edge_reach) * (1 + 1e-6) + s.rounding();
+  const Places x = s.positions();
   visit_pairs([&](int v) { return Box3(x.col(v).array() - margin, x.col(v).array() + margin); }, look, look_at_edges);
   const auto before = [](const Near& one, const Near& two) {
     return std::tie(one.first, one.second) < std::tie(two.first, two.second);
@@ -318,7 +240,7 @@ void Contact3d::Surface::add_point_interactions(const State& s, const Params& p,
     at = distance;
   };
   const auto add_edge = [&](int e, int kappa, int count) {
-    const Closest3 closest = s.vertex_edge(i, e);
+    const Closest3 closest = vertex_edge(s, i, e);
     const bool inside = closest.part == Closest3::Part::vertex_edge;
     const int feature = inside ? e : edges[static_cast<size_t>(e)][static_cast<size_t>(closest.second)];
     add(inside ? Kind::edge : Kind::vertex, feature, kappa, count, closest.distance);
@@ -352,7 +274,7 @@ void Contact3d::Surface::add_point_interactions(const State& s, const Params& p,
     list->erase(std::unique(list->begin(), list->end()), list->end());
   }
   for (int e : near_edges) {
-    if (!(s.vertex_edge(i, e).distance < gap)) continue;
+    if (!(vertex_edge(s, i, e).distance < gap)) continue;
     take_back(triangles_at_edge[e], [&](int kappa, int count) { add_edge(e, kappa, count); });
   }
   for (int v : near_vertices) {
@@ -401,10 +323,7 @@ std::vector<Interaction> Contact3d::Surface::interactions(const State& s, const 
 void Contact3d::Surface::differentiate(const State& s, const Interaction& i, const std::array<double, 3>& b,
                                        bool wants_hessian, Local& out) const {
   using Kind = Interaction::Kind;
-  const auto use = [&](std::initializer_list<int> vertices) {
-    out.count = 0;
-    for (int v : vertices) out.nodes[static_cast<size_t>(out.count++)] = nodes[static_cast<size_t>(v)];
-  };
+  const auto use = [&](std::initializer_list<int> vertices) { out.use(nodes, vertices); };
   const auto take = [&](const FeatureDistance& distance) {
     out.gradient = b[1] * distance.gradient();
     if (wants_hessian) out.hessian = distance.hessian(b[1], b[2]);
@@ -433,33 +352,36 @@ void Contact3d::Surface::differentiate(const State& s, const Interaction& i, con
     case Kind::edges:
       break;
   }
-  // The distance of two segments is that of the features where they come closest, of some of the four vertices.
+  differentiate_edges(s, i, b, wants_hessian, out);
+}
+
+/// The distance of two edges is that of the features where they come closest, of some of the four vertices.
+Contact3d::Surface::EdgesDistance Contact3d::Surface::distance_of_edges(const State& s, const Interaction& i) const {
   const std::array<int, 2>& one = edges[static_cast<size_t>(i.first)];
   const std::array<int, 2>& two = edges[static_cast<size_t>(i.second)];
-  use({one[0], one[1], two[0], two[1]});
   const Vector3d e = s.from(one[0], one[1]), f = s.from(two[0], two[1]);
-  const Closest3 closest = s.edges(i.first, i.second);
-  FeatureDistance distance;
-  std::array<int, 4> position{0, 1, 2, 3};  // of the distance's vertices among the four
+  const Closest3 closest = closest_of_edges(s, i.first, i.second);
   const size_t first = static_cast<size_t>(closest.first), second = static_cast<size_t>(closest.second);
   switch (closest.part) {
     case Closest3::Part::vertices:
-      position = {closest.first, 2 + closest.second};
-      distance = FeatureDistance::point_point(s.from(two[second], one[first]));
-      break;
+      return {FeatureDistance::point_point(s.from(two[second], one[first])), {closest.first, 2 + closest.second}};
     case Closest3::Part::vertex_edge:
-      position = {closest.first, 2, 3};
-      distance = FeatureDistance::point_line(s.from(two[0], one[first]), f);
-      break;
+      return {FeatureDistance::point_line(s.from(two[0], one[first]), f), {closest.first, 2, 3}};
     case Closest3::Part::edge_vertex:
-      position = {2 + closest.second, 0, 1};
-      distance = FeatureDistance::point_line(s.from(one[0], two[second]), e);
-      break;
+      return {FeatureDistance::point_line(s.from(one[0], two[second]), e), {2 + closest.second, 0, 1}};
     case Closest3::Part::interior:
-      distance = FeatureDistance::line_line(s.from(two[0], one[0]), e, f);
-      break;
+      return {FeatureDistance::line_line(s.from(two[0], one[0]), e, f), {0, 1, 2, 3}};
   }
-  const Mollifier m(e, f, threshold(i));
+  return {};
+}
+
+void Contact3d::Surface::differentiate_edges(const State& s, const Interaction& i, const std::array<double, 3>& b,
+                                             bool wants_hessian, Local& out) const {
+  const std::array<int, 2>& one = edges[static_cast<size_t>(i.first)];
+  const std::array<int, 2>& two = edges[static_cast<size_t>(i.second)];
+  out.use(nodes, {one[0], one[1], two[0], two[1]});
+  const auto [distance, position] = distance_of_edges(s, i);
+  const Mollifier m(s.from(one[0], one[1]), s.from(two[0], two[1]), threshold(i));
   const FeatureDistance::Vector part = distance.gradient();
   FeatureDistance::Vector gradient = FeatureDistance::Vector::Zero(12);
   for (int k = 0; k < distance.vertices; ++k)
@@ -573,21 +495,8 @@ double Contact3d::step_limit(const Point& at, const Eigen::VectorXd& step) const
   if (!step.allFinite() || !at.u.allFinite()) return 0;
   const Surface& surface = *surface_;
   const Surface::State s = surface.state(at.u), change = surface.state(step);
-  double limit = 1;
-  for (int g = 0; g < surface.ground_count(); ++g) {
-    const Vector3d& normal = surface.settings.grounds[static_cast<size_t>(g)].normal;
-    for (int v = 0; v < surface.vertices(); ++v) {
-      const double height = s.height(g, v), fall = -change.u.col(v).dot(normal);
-      if (fall > 0 && 0.9 * height < limit * fall) limit = std::max(0.0, 0.9 * height / fall);
-    }
-  }
-  const Eigen::Matrix3Xd x = surface.X + s.u, y = x + change.u;
-  // A pair that comes down to a tenth of its distance d moves by 0.9 d: boxes that much wider see all of them.
-  const double margin =
-      1e-15 * std::max(x.cwiseAbs().maxCoeff(), y.cwiseAbs().maxCoeff()) + 0.12 * change.u.colwise().norm().maxCoeff();
-  const auto swept = [&](int v) {
-    return Box3(x.col(v).cwiseMin(y.col(v)).array() - margin, x.col(v).cwiseMax(y.col(v)).array() + margin);
-  };
+  double limit = surface.ground_limit(s, change);
+  const Surface::Sweep swept(s, change);
   // Pairs that may come down to two tenths of their distance, and for each vertex the smallest distance of those that
   // it belongs to: what slides along a face comes as near to what is ahead as it is to the face.
   struct Candidate {
@@ -616,12 +525,13 @@ double Contact3d::step_limit(const Point& at, const Eigen::VectorXd& step) const
       swept,
       [&](int v, int t) {
         const auto& [a, b, c] = surface.triangles[static_cast<size_t>(t)];
-        consider(MovingPair3::Kind::point_triangle, {v, a, b, c}, [&] { return s.vertex_triangle(v, t).distance; });
+        consider(MovingPair3::Kind::point_triangle, {v, a, b, c},
+                 [&] { return surface.vertex_triangle(s, v, t).distance; });
       },
       [&](int e, int f) {
         const auto& [a, b] = surface.edges[static_cast<size_t>(e)];
         const auto& [c, d] = surface.edges[static_cast<size_t>(f)];
-        consider(MovingPair3::Kind::segments, {a, b, c, d}, [&] { return s.edges(e, f).distance; });
+        consider(MovingPair3::Kind::segments, {a, b, c, d}, [&] { return surface.closest_of_edges(s, e, f).distance; });
       });
   for (const Candidate& candidate : candidates) {
     if (!(limit > 0)) break;
@@ -661,16 +571,10 @@ std::vector<ContactPair3> Contact3d::active_pairs(const Point& at, bool brute_fo
 double Contact3d::smallest_distance(const Eigen::VectorXd& u, double horizon) const {
   const Surface& surface = *surface_;
   const Surface::State s = surface.state(u);
-  double smallest = infinity;
+  double smallest = surface.lowest(s, horizon);
   const auto [points, lines] = surface.pairs_within(s, horizon, horizon);
   for (const std::vector<Surface::Near>* list : {&points, &lines}) {
     for (const Surface::Near& near : *list) smallest = std::min(smallest, near.closest.distance);
-  }
-  for (int g = 0; g < surface.ground_count(); ++g) {
-    for (int v = 0; v < surface.vertices(); ++v) {
-      const double height = s.height(g, v);
-      if (height < horizon) smallest = std::min(smallest, height);
-    }
   }
   return smallest;
 }
@@ -678,14 +582,11 @@ double Contact3d::smallest_distance(const Eigen::VectorXd& u, double horizon) co
 bool Contact3d::intersects(const Eigen::VectorXd& u) const {
   const Surface& surface = *surface_;
   const Surface::State s = surface.state(u);
-  for (int g = 0; g < surface.ground_count(); ++g) {
-    for (int v = 0; v < surface.vertices(); ++v) {
-      if (!(s.height(g, v) > 0)) return true;
-    }
-  }
-  const Eigen::Matrix3Xd x = surface.X + s.u;
+  if (surface.behind_a_ground(s)) return true;
+  const Surface::Places x = s.positions();
   const auto place = [&](int v) { return Box3(Vector3d(x.col(v))); };
-  const std::vector<Box3> boxes = surface.triangle_tree.enclose(Surface::boxes_of(surface.triangles, place));
+  const std::vector<Box3> boxes =
+      surface.triangle_tree.enclose(Surface::boxes_of(surface.triangles.begin(), surface.triangles.end(), place));
   bool found = false;
   for (int e = 0; e < surface.edge_count() && !found; ++e) {
     const auto [a, b] = surface.edges[static_cast<size_t>(e)];

@@ -7,6 +7,7 @@
 #include <set>
 
 #include "sim/core/error.hpp"
+#include "sim/files/geometry_file.hpp"
 #include "sim/files/tables.hpp"
 
 namespace taut {
@@ -14,33 +15,13 @@ namespace {
 
 constexpr double max_steps = 1e6;  // all states are kept
 
-Quantity quantity_of_text(const TableReader& table, std::string_view key, const std::string& text,
-                          const std::vector<Quantity>& allowed) {
-  const size_t blank = text.rfind(' ');
-  const std::string unit = blank == std::string::npos ? "" : text.substr(blank + 1);
+/// The quantity of a text, by its unit.
+Quantity quantity_of(const TableReader& table, std::string_view key, const std::string& text,
+                     const std::vector<Quantity>& allowed) {
+  if (const auto quantity = quantity_of_text(text, allowed)) return *quantity;
   std::vector<std::string> names;
-  for (Quantity quantity : allowed) {
-    const std::vector<std::string> units = units_of(quantity);
-    if (std::find(units.begin(), units.end(), unit) != units.end()) return quantity;
-    names.emplace_back(name_of(quantity));
-  }
+  for (Quantity quantity : allowed) names.emplace_back(name_of(quantity));
   table.fail(key, fmt::format("'{}' has not a unit that fits; allowed: {}", text, join(names)));
-}
-
-template <class Container>
-std::vector<std::string> ids_of(const Container& items) {
-  std::vector<std::string> ids;
-  for (const auto& item : items) ids.push_back(item.id);
-  return ids;
-}
-
-std::string known_id(TableReader& table, std::string_view key, const std::vector<std::string>& ids,
-                     std::string_view what) {
-  const std::string id = table.text(key);
-  if (std::find(ids.begin(), ids.end(), id) == ids.end())
-    table.fail(key, fmt::format("'{}' is not {}{}; allowed: {}", id, what, did_you_mean(id, ids),
-                                ids.empty() ? "none is there" : join(ids)));
-  return id;
 }
 
 std::vector<std::string> body_names(const Simulation& simulation) {
@@ -87,8 +68,7 @@ void read_method(TableReader table, Simulation& simulation) {
     table.fail("tolerance", "a number from 0 (fixed steps) to 0.1 belongs here, relative to the size of the scene");
   simulation.from_equilibrium = table.choice("start", {"rest", "equilibrium"}) == "equilibrium";
   simulation.frames = table.integer("frames", simulation.frames, 2);
-  simulation.mass =
-      table.choice("mass", {"consistent", "lumped"}) == "lumped" ? MassForm::lumped : MassForm::consistent;
+  simulation.mass = read_mass_form(table);
   simulation.dimension = table.integer("dimension", 2, 2);
   if (simulation.dimension > 3) table.fail("dimension", "2 or 3 belongs here");
   if (simulation.dimension == 2) read_plane(table, simulation.thickness, simulation.plane);
@@ -135,8 +115,8 @@ void read_control(TableReader& table, Simulation& simulation) {
   control.id = table.text("id");
   const std::string start = table.text("start");
   control.quantity =
-      quantity_of_text(table, "start", start, {Quantity::length, Quantity::angle, Quantity::force, Quantity::mass});
-  control.schedule = ControlSchedule(parse_quantity(start, control.quantity, table.where("start")));
+      quantity_of(table, "start", start, {Quantity::length, Quantity::angle, Quantity::force, Quantity::mass});
+  ControlSchedule schedule(parse_quantity(start, control.quantity, table.where("start")));
   for (TableReader& one : table.tables("piece")) {
     ControlSchedule::Piece piece;
     piece.until = one.quantity("until", Quantity::time);
@@ -153,7 +133,7 @@ void read_control(TableReader& table, Simulation& simulation) {
       piece.target = one.quantity("to", control.quantity);
     }
     try {
-      control.schedule.add(piece);
+      schedule.add(piece);
     } catch (const InputError& error) {
       one.fail("until", error.what());
     }
@@ -163,44 +143,36 @@ void read_control(TableReader& table, Simulation& simulation) {
   if (control.quantity == Quantity::mass) {
     // Between the ends of its pieces only a sine can go below them.
     for (int i = 0; i <= 1000; ++i) {
-      if (control.schedule.at(simulation.duration * i / 1000) < 0)
+      if (schedule.at(simulation.duration * i / 1000) < 0)
         table.fail("", fmt::format("the mass '{}' becomes negative; give zero or more", control.id));
     }
   }
   simulation.controls.push_back(std::move(control));
+  simulation.schedules.push_back(std::move(schedule));
 }
 
 void read_cable(TableReader& table, Simulation& simulation) {
-  RobotCable cable;
-  cable.id = cable.path.id = table.text("id");
-  cable.body = known_id(
-      table, "body",
-      [&] {
-        std::vector<std::string> names = body_names(simulation);
-        return names;
-      }(),
-      "a [[body]]");
+  CableSettings cable;
+  cable.id = table.text("id");
+  cable.body = known_id(table, "body", body_names(simulation), "a [[body]]");
   if (table.has("x")) {
-    cable.path.points = read_points(table, simulation.dimension);
-    if (cable.path.points.size() < 2) table.fail("x", "a cable needs at least two points");
-    const std::string fixed = table.choice("fixed", {"none", "start", "end", "both"});
-    cable.path.start_fixed = fixed == "start" || fixed == "both";
-    cable.path.end_fixed = fixed == "end" || fixed == "both";
+    read_cable_points(table, simulation.dimension, {"none", "start", "end", "both"}, cable);
   } else {
-    cable.path.id = table.text("path");  // one of the geometry's own
-    cable.path.start_fixed = table.boolean("anchored", false);
+    cable.path = table.text("path");  // one of the geometry's own
+    cable.start_fixed = table.boolean("anchored", false);
   }
-  cable.k = table.quantity("k", Quantity::stiffness);
-  if (!(cable.k > 0)) table.fail("k", "the stiffness must be positive");
-  cable.slack = table.optional_quantity("slack", Quantity::length).value_or(0);
-  cable.smoothing = table.optional_quantity("smoothing", Quantity::length).value_or(cable.smoothing);
-  if (table.has("retraction")) cable.path.control = control_of(table, "retraction", simulation, Quantity::length);
+  CableLaw& law = cable.own.emplace();
+  law.k = table.quantity("k", Quantity::stiffness);
+  if (!(*law.k > 0)) table.fail("k", "the stiffness must be positive");
+  law.slack = table.optional_quantity("slack", Quantity::length).value_or(0);
+  law.smoothing = table.optional_quantity("smoothing", Quantity::length).value_or(law.smoothing);
+  if (table.has("retraction")) cable.control = control_of(table, "retraction", simulation, Quantity::length);
   table.finish();
-  simulation.cables.push_back(std::move(cable));
+  simulation.cables.cables.push_back(std::move(cable));
 }
 
 void read_joint(TableReader& table, Simulation& simulation) {
-  RobotJoint joint;
+  JointSettings joint;
   const size_t d = static_cast<size_t>(simulation.dimension);
   joint.id = table.text("id");
   const std::vector<std::string> between = table.texts("between");
@@ -214,22 +186,26 @@ void read_joint(TableReader& table, Simulation& simulation) {
                  fmt::format("'{}' is not a [[body]]{}; allowed: {}", body, did_you_mean(body, bodies), join(bodies)));
   }
   if (between[1] == "world") table.fail("between", "the world comes first");
-  joint.first = between[0];
-  joint.second = between[1];
-  joint.at = table.quantities("at", Quantity::length, d);
-  if (d == 3) joint.axis_end = table.quantities("axis_end", Quantity::length, d);
+  joint.part_a = between[0];
+  joint.part_b = between[1];
+  const auto point = [&](std::string_view key) {
+    const std::vector<double> values = table.quantities(key, Quantity::length, d);
+    return Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(d)));
+  };
+  joint.pivot = point("at");
+  if (d == 3) joint.axis_end = point("axis_end");
   joint.radius = table.optional_quantity("radius", Quantity::length).value_or(0);
-  joint.stiffness = table.optional_quantity("stiffness", Quantity::stiffness);
+  joint.stiffness = table.optional_quantity("stiffness", Quantity::stiffness).value_or(0);
   if (table.has("angle")) {
     joint.control = control_of(table, "angle", simulation, Quantity::angle);
-    joint.motor_at = table.quantities("motor_at", Quantity::length, d);
+    joint.motor = point("motor_at");
   }
   table.finish();
   simulation.joints.push_back(std::move(joint));
 }
 
 void read_load(TableReader& table, Simulation& simulation) {
-  RobotLoad load;
+  LoadSettings load;
   load.id = table.text("id");
   load.on = table.text("on");
   load.direction = direction_of(table, simulation.dimension);
@@ -240,7 +216,7 @@ void read_load(TableReader& table, Simulation& simulation) {
       table.fail("control", "a load is a force or a hung mass");
   } else {
     const std::string value = table.text("value");
-    load.quantity = quantity_of_text(table, "value", value, {Quantity::force, Quantity::mass});
+    load.quantity = quantity_of(table, "value", value, {Quantity::force, Quantity::mass});
     load.value = parse_quantity(value, load.quantity, table.where("value"));
     if (load.quantity == Quantity::mass && load.value < 0)
       table.fail("value", fmt::format("a mass of {} is negative; give zero or more", value));
@@ -250,72 +226,37 @@ void read_load(TableReader& table, Simulation& simulation) {
 }
 
 void read_contact(TableReader table, Simulation& simulation) {
-  const size_t d = static_cast<size_t>(simulation.dimension);
-  simulation.contact = true;
-  simulation.contact_gap = table.quantity("gap", Quantity::length);
-  if (!(simulation.contact_gap > 0)) table.fail("gap", "the contact gap must be positive");
+  SurfaceSettings& contact = simulation.contact;
+  contact.on = true;
+  contact.gap = table.quantity("gap", Quantity::length);
+  if (!(contact.gap > 0)) table.fail("gap", "the contact gap must be positive");
   if (auto pressures = table.optional_table("pressure")) {
     for (const MaterialSettings& material : simulation.materials) {
       if (const auto value = pressures->optional_quantity(material.region, Quantity::pressure)) {
         if (!(*value > 0)) pressures->fail(material.region, "the pressure must be positive");
-        simulation.contact_pressure[material.region] = *value;
+        contact.pressure[material.region] = *value;
       }
     }
     pressures->finish();
   }
-  for (TableReader& one : table.tables("obstacle")) {
-    if (d == 3) one.fail("", "obstacles are for 2D simulations; use a ground or a clamped body");
-    std::vector<Eigen::Vector2d>& line = simulation.obstacles.emplace_back();
-    for (const std::vector<double>& point : read_points(one, 2)) line.emplace_back(point[0], point[1]);
-    if (line.size() < 2) one.fail("x", "an obstacle needs at least two points");
-    one.finish();
-  }
-  for (TableReader& one : table.tables("ground")) {
-    const std::vector<double> point = one.quantities("point", Quantity::length, d), normal = one.numbers("normal", d);
-    const Eigen::VectorXd n = Eigen::Map<const Eigen::VectorXd>(normal.data(), static_cast<Eigen::Index>(d));
-    if (!(n.norm() > 0)) one.fail("normal", "the normal must not be all zeros; it points to where things may be");
-    simulation.grounds.emplace_back(Eigen::Map<const Eigen::VectorXd>(point.data(), static_cast<Eigen::Index>(d)),
-                                    n.normalized());
-    one.finish();
-  }
+  read_surroundings(table, simulation.dimension, contact);
   table.finish();
 }
 
 void read_channel(TableReader& table, Simulation& simulation) {
-  using Kind = RobotChannel::Kind;
-  static const std::vector<std::pair<std::string, Kind>> kinds{
-      {"position", Kind::position},         {"displacement", Kind::displacement}, {"rotation", Kind::rotation},
-      {"tension", Kind::tension},           {"joint_gap", Kind::joint_gap},       {"joint_angle", Kind::joint_angle},
-      {"joint_torque", Kind::joint_torque}, {"net_force", Kind::net_force}};
-  RobotChannel channel;
-  channel.id = table.text("id");
-  std::vector<std::string> names;
-  for (const auto& [name, kind] : kinds) names.push_back(name);
-  const std::string name = table.choice("kind", names);
-  for (const auto& [known, kind] : kinds) {
-    if (known == name) channel.kind = kind;
+  using Kind = ChannelSettings::Kind;
+  ChannelSettings channel =
+      read_channel(table, simulation, simulation.dimension,
+                   {Kind::position, Kind::displacement, Kind::rotation, Kind::tension, Kind::length, Kind::joint_gap,
+                    Kind::joint_angle, Kind::joint_torque, Kind::reaction, Kind::net_force});
+  if (channel.kind == Kind::reaction && simulation.method != SimulationMethod::quasi_static)
+    table.fail("kind", "a reaction is that of an equilibrium; set integrator = \"static\", or take a net_force");
+  if (channel.kind == Kind::net_force) {
+    if (simulation.method != SimulationMethod::implicit_euler && simulation.method != SimulationMethod::bdf2)
+      table.fail("kind", "a net_force is mass times acceleration, which only implicit_euler and bdf2 hand out");
+    channel.on = known_id(table, "of", body_names(simulation), "a [[body]]");
   }
-  switch (channel.kind) {
-    case Kind::tension:
-      channel.of = known_id(table, "of", ids_of(simulation.cables), "a [[cable]]");
-      break;
-    case Kind::joint_gap:
-    case Kind::joint_angle:
-    case Kind::joint_torque:
-      channel.of = known_id(table, "of", ids_of(simulation.joints), "a [[joint]]");
-      break;
-    case Kind::net_force:
-      if (simulation.method != SimulationMethod::implicit_euler && simulation.method != SimulationMethod::bdf2)
-        table.fail("kind", "a net_force is mass times acceleration, which only implicit_euler and bdf2 hand out");
-      channel.of = known_id(table, "of", body_names(simulation), "a [[body]]");
-      break;
-    default:
-      channel.of = table.text("of");  // a tag or a body, which the mesh knows
-  }
-  const bool directed = channel.kind == Kind::position || channel.kind == Kind::displacement ||
-                        channel.kind == Kind::net_force ||
-                        (channel.kind == Kind::rotation && simulation.dimension == 3);
-  if (directed) channel.direction = direction_of(table, simulation.dimension);
+  if (channel.on.empty()) channel.on = table.text("of");  // a tag or a body, which the mesh knows
   table.finish();
   simulation.channels.push_back(std::move(channel));
 }
@@ -324,9 +265,8 @@ void read_workspace(TableReader table, Simulation& simulation) {
   WorkspaceSettings workspace;
   workspace.x = known_id(table, "x", ids_of(simulation.channels), "a [[channel]]");
   workspace.y = known_id(table, "y", ids_of(simulation.channels), "a [[channel]]");
-  for (const RobotChannel& channel : simulation.channels) {
-    const bool place = channel.kind == RobotChannel::Kind::position || channel.kind == RobotChannel::Kind::displacement;
-    if ((channel.id == workspace.x || channel.id == workspace.y) && !place)
+  for (const ChannelSettings& channel : simulation.channels) {
+    if ((channel.id == workspace.x || channel.id == workspace.y) && !channel.of_place())
       table.fail("x", fmt::format("'{}' is not a position or displacement, which span a workspace", channel.id));
   }
   workspace.samples = table.integer("samples", 200, 3);
@@ -350,11 +290,11 @@ void read_workspace(TableReader table, Simulation& simulation) {
 
 /// One target, or a path: lists of values, through which the controls go from point to point.
 IkTarget read_ik_target(TableReader& one, const Simulation& simulation, const IkSettings& ik, bool path) {
-  using Kind = RobotChannel::Kind;
+  using Kind = ChannelSettings::Kind;
   IkTarget target;
   target.name = one.text("name");
-  for (const RobotChannel& channel : simulation.channels) {
-    const bool place = channel.kind == Kind::position || channel.kind == Kind::displacement;
+  for (const ChannelSettings& channel : simulation.channels) {
+    const bool place = channel.of_place();
     const bool angle = channel.kind == Kind::rotation || channel.kind == Kind::joint_angle;
     if (!place && !angle) continue;
     const Quantity quantity = angle ? Quantity::angle : Quantity::length;
@@ -394,10 +334,10 @@ void read_ik(TableReader table, Simulation& simulation) {
     const Quantity quantity = control_quantity(simulation, id);
     IkRange control{id, one.quantity("lower", quantity), one.quantity("upper", quantity), 0};
     if (!(control.lower < control.upper)) one.fail("upper", "the upper bound must be above the lower one");
-    const auto settings = std::find_if(simulation.controls.begin(), simulation.controls.end(),
-                                       [&](const ControlSettings& c) { return c.id == id; });
+    const std::vector<std::string> ids = ids_of(simulation.controls);
+    const auto place = static_cast<size_t>(std::find(ids.begin(), ids.end(), id) - ids.begin());
     control.nominal = one.optional_quantity("nominal", quantity)
-                          .value_or(std::clamp(settings->schedule.at(0), control.lower, control.upper));
+                          .value_or(std::clamp(simulation.schedules[place].at(0), control.lower, control.upper));
     if (!(control.nominal >= control.lower && control.nominal <= control.upper))
       one.fail("nominal", "the nominal value must be within the bounds");
     one.finish();
@@ -424,7 +364,7 @@ void refuse_repeated_ids(const Simulation& simulation) {
     }
   };
   check(ids_of(simulation.controls));
-  check(ids_of(simulation.cables));
+  check(ids_of(simulation.cables.cables));
   check(ids_of(simulation.joints));
   check(ids_of(simulation.loads));
   check(ids_of(simulation.channels));
@@ -435,7 +375,7 @@ void refuse_repeated_ids(const Simulation& simulation) {
 void refuse_without_effect(const Simulation& simulation) {
   std::vector<std::string> series{"time", "kinetic_energy", "potential_energy"};
   for (const ControlSettings& control : simulation.controls) series.push_back(control.id);
-  for (const RobotChannel& channel : simulation.channels) series.push_back(channel.id);
+  for (const ChannelSettings& channel : simulation.channels) series.push_back(channel.id);
   for (const RobotPlot& plot : simulation.plots) {
     std::vector<std::string> ids = plot.y;
     if (!plot.x.empty()) ids.push_back(plot.x);
@@ -450,9 +390,9 @@ void refuse_without_effect(const Simulation& simulation) {
       return std::any_of(items.begin(), items.end(),
                          [&](const auto& item) { return control_of_item(item) == control.id; });
     };
-    if (!uses(simulation.cables, [](const RobotCable& cable) { return cable.path.control; }) &&
-        !uses(simulation.joints, [](const RobotJoint& joint) { return joint.control; }) &&
-        !uses(simulation.loads, [](const RobotLoad& load) { return load.control; }))
+    const auto control_in = [](const auto& item) { return item.control; };
+    if (!uses(simulation.cables.cables, control_in) && !uses(simulation.joints, control_in) &&
+        !uses(simulation.loads, control_in))
       throw InputError(
           fmt::format("{}: the control '{}' moves nothing; name it as the retraction of a cable, the angle of a "
                       "joint or the control of a load, or remove it",
@@ -476,13 +416,6 @@ Simulation read_simulation(const std::string& path) {
   read_method(root.table("simulation"), simulation);
   for (TableReader& table : root.tables("body")) read_body(table, simulation);
   if (simulation.bodies.empty()) root.fail("", "there is no body; add [[body]] with name, geometry and mesh");
-  for (auto& [region, table] : root.named_tables("damping")) {
-    simulation.mass_damping[region] = table.optional_quantity("mass", Quantity::frequency).value_or(0);
-    simulation.stiffness_damping[region] = table.optional_quantity("stiffness", Quantity::time).value_or(0);
-    if (simulation.mass_damping[region] < 0 || simulation.stiffness_damping[region] < 0)
-      table.fail("", "damping must not be negative");
-    table.finish();
-  }
   simulation.materials = read_materials(root);
   const bool dynamic = simulation.method != SimulationMethod::quasi_static;
   for (const MaterialSettings& material : simulation.materials) {
@@ -492,13 +425,7 @@ Simulation read_simulation(const std::string& path) {
           "\"30 kg/m3\", or set integrator = \"static\" without gravity",
           path, material.region));
   }
-  for (const auto& [region, value] : simulation.mass_damping) {
-    std::vector<std::string> regions;
-    for (const MaterialSettings& material : simulation.materials) regions.push_back(material.region);
-    if (std::find(regions.begin(), regions.end(), region) == regions.end())
-      throw InputError(fmt::format("{}: [damping.{}]: there is no such material{}; allowed: {}", path, region,
-                                   did_you_mean(region, regions), join(regions)));
-  }
+  read_damping(root, simulation);
   for (TableReader& table : root.tables("control")) read_control(table, simulation);
   for (TableReader& table : root.tables("cable")) read_cable(table, simulation);
   for (TableReader& table : root.tables("joint")) read_joint(table, simulation);

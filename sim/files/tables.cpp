@@ -6,7 +6,6 @@
 #include <filesystem>
 
 #include "sim/core/error.hpp"
-#include "sim/files/shape_tables.hpp"
 
 namespace taut {
 namespace {
@@ -52,128 +51,10 @@ std::vector<std::vector<double>> read_points(TableReader& table, int dimension) 
   return points;
 }
 
-void read_mesh(TableReader& table, const GeometrySettings& geometry, MeshSettings& settings) {
-  const bool structured = geometry.kind == "box" || geometry.kind == "rectangle";
-  if (structured) {
-    if (table.has("cells")) {
-      settings.cells.clear();
-      for (double value : table.numbers("cells", static_cast<size_t>(geometry.dimension))) {
-        if (value < 1 || value > 1000 || value != std::floor(value))
-          table.fail("cells", "whole numbers from 1 to 1000 belong here");
-        settings.cells.push_back(static_cast<int>(value));
-      }
-    }
-    if (settings.cells.empty()) table.fail("", "'cells' is missing; add for example cells = [14, 5, 5]");
-  } else if (geometry.kind == "twist" || geometry.kind == "sheet") {
-    if (geometry.kind == "twist") {
-      settings.core_cells = table.integer("core_cells", settings.core_cells, 1);
-    } else {
-      settings.tile_cells = table.integer("tile_cells", settings.tile_cells, 1);
-      settings.strip_cells = table.integer("strip_cells", settings.strip_cells, 1);
-    }
-    settings.layers = table.integer("layers", settings.layers, 1);
-  } else if (geometry.kind != "msh") {
-    if (const auto size = table.optional_quantity("size", Quantity::length)) settings.size = *size;
-    if (!(settings.size > 0)) table.fail("", "'size' is missing or not positive; add for example size = \"2 mm\"");
-  }
-  if (geometry.kind == "push_puppet") settings.lip_cells = table.integer("lip_cells", settings.lip_cells, 1);
-  if (geometry.dimension == 2) {
-    if (const auto gap = table.optional_quantity("contact_gap", Quantity::length)) {
-      settings.contact_gap = *gap;
-      if (!(*gap > 0)) table.fail("contact_gap", "the contact gap must be positive");
-    }
-  }
-  if (table.has("element")) settings.order = table.choice("element", {"quadratic", "linear"}) == "linear" ? 1 : 2;
-  if (table.has("formulation")) {
-    settings.formulation = table.choice("formulation", {"standard", "locking_free"}) == "standard"
-                               ? Formulation::standard
-                               : Formulation::locking_free;
-  }
-  if (settings.formulation == Formulation::locking_free && settings.order == 1) {
-    table.fail(table.has("formulation") ? "formulation" : "element",
-               "locking_free needs quadratic elements; set element = \"quadratic\" or formulation = \"standard\"");
-  }
-}
-
 void read_plane(TableReader& table, double& thickness, Plane& plane) {
   thickness = table.quantity("thickness", Quantity::length);
   if (!(thickness > 0)) table.fail("thickness", "the thickness must be positive");
   plane = table.choice("plane", {"strain", "stress"}) == "strain" ? Plane::strain : Plane::stress;
-}
-
-GeometrySettings read_geometry(TableReader table, const std::string& path, bool own_plane) {
-  GeometrySettings geometry;
-  geometry.kind = table.choice("kind", {"box", "rectangle", "boxes", "polygons", "disc", "push_puppet", "finger",
-                                        "twist", "sheet", "msh", "uniaxial"});
-  if (geometry.kind == "uniaxial") {
-    table.fail("kind",
-               "a uniaxial experiment has no mesh and no states to show; use `taut check` and `taut fit` on it");
-  }
-  geometry.dimension = geometry.kind == "rectangle" || geometry.kind == "polygons" || geometry.kind == "disc" ||
-                               geometry.kind == "push_puppet" || geometry.kind == "finger"
-                           ? 2
-                           : 3;
-  const size_t d = static_cast<size_t>(geometry.dimension);
-  if (geometry.kind == "box" || geometry.kind == "rectangle") {
-    geometry.size = table.quantities("size", Quantity::length, d);
-    if (std::any_of(geometry.size.begin(), geometry.size.end(), [](double s) { return !(s > 0); }))
-      table.fail("size", "all lengths must be positive");
-    geometry.origin =
-        table.has("origin") ? table.quantities("origin", Quantity::length, d) : std::vector<double>(d, 0.0);
-    geometry.region = table.text("region");
-  } else if (geometry.kind == "boxes") {
-    for (TableReader& box : table.tables("box")) {
-      BoxRegion region;
-      region.region = box.text("region");
-      const std::vector<double> lower = box.quantities("lower", Quantity::length, 3),
-                                upper = box.quantities("upper", Quantity::length, 3);
-      std::copy(lower.begin(), lower.end(), region.lower.begin());
-      std::copy(upper.begin(), upper.end(), region.upper.begin());
-      box.finish();
-      geometry.boxes.push_back(region);
-    }
-    if (geometry.boxes.empty()) table.fail("", "there is no box; add [[geometry.box]] with region, lower and upper");
-  } else if (geometry.kind == "polygons") {
-    for (TableReader& polygon : table.tables("polygon")) {
-      PolygonRegion region;
-      region.region = polygon.text("region");
-      const std::vector<double> x = polygon.quantities("x", Quantity::length, 0);
-      const std::vector<double> y = polygon.quantities("y", Quantity::length, x.size());
-      for (size_t i = 0; i < x.size(); ++i) region.vertices.push_back({x[i], y[i]});
-      if (polygon.has("edges")) region.edge_tags = polygon.texts("edges");
-      if (!region.edge_tags.empty() && region.edge_tags.size() != x.size()) {
-        polygon.fail(
-            "edges",
-            fmt::format(
-                "{} names for {} edges; give one per edge, edge i running from vertex i to the next, \"\" for none",
-                region.edge_tags.size(), x.size()));
-      }
-      polygon.finish();
-      geometry.polygons.push_back(region);
-    }
-    if (geometry.polygons.empty()) table.fail("", "there is no polygon; add [[geometry.polygon]] with region, x and y");
-  } else if (geometry.kind == "disc") {
-    geometry.radius = table.quantity("radius", Quantity::length);
-    if (!(geometry.radius > 0)) table.fail("radius", "the radius must be positive");
-    geometry.region = table.text("region");
-  } else if (geometry.kind == "push_puppet") {
-    geometry.puppet = read_push_puppet(table);
-  } else if (geometry.kind == "finger") {
-    geometry.finger = read_finger(table);
-  } else if (geometry.kind == "twist") {
-    geometry.twist = read_twist_module(table);
-  } else if (geometry.kind == "sheet") {
-    geometry.sheet = read_sheet(table);
-    geometry.cable_height = table.optional_quantity("cable_height", Quantity::length).value_or(0);
-  } else {
-    geometry.file = path_beside(path, table.text("file"));
-    geometry.unit = unit_factor(table.text("unit"), Quantity::length, table.where("unit"));
-    geometry.dimension = table.integer("dimension", 3, 2);
-    if (geometry.dimension > 3) table.fail("dimension", "2 or 3 belongs here");
-  }
-  if (geometry.dimension == 2 && own_plane) read_plane(table, geometry.thickness, geometry.plane);
-  table.finish();
-  return geometry;
 }
 
 std::vector<MaterialSettings> read_materials(TableReader& root) {
@@ -198,6 +79,94 @@ std::vector<MaterialSettings> read_materials(TableReader& root) {
   if (materials.empty())
     root.fail("", "there is no material; add [materials.NAME] for each region NAME of the geometry");
   return materials;
+}
+
+void read_damping(TableReader& root, Setup& setup) {
+  std::vector<std::string> regions;
+  for (const MaterialSettings& material : setup.materials) regions.push_back(material.region);
+  for (auto& [region, table] : root.named_tables("damping")) {
+    if (std::find(regions.begin(), regions.end(), region) == regions.end())
+      table.fail("", fmt::format("there is no material '{}'{}; allowed: {}", region, did_you_mean(region, regions),
+                                 join(regions)));
+    const auto read = [&, &region = region, &table = table](std::string_view key, Quantity quantity, auto& values) {
+      const auto value = table.optional_quantity(key, quantity);
+      if (!value) return;
+      if (*value < 0) table.fail("", "damping must not be negative");
+      values[region] = *value;
+    };
+    read("mass", Quantity::frequency, setup.mass_damping);
+    read("stiffness", Quantity::time, setup.stiffness_damping);
+    table.finish();
+  }
+}
+
+MassForm read_mass_form(TableReader& table) {
+  return table.choice("mass", {"consistent", "lumped"}) == "lumped" ? MassForm::lumped : MassForm::consistent;
+}
+
+std::string known_id(TableReader& table, std::string_view key, const std::vector<std::string>& ids,
+                     std::string_view what) {
+  const std::string id = table.text(key);
+  if (std::find(ids.begin(), ids.end(), id) == ids.end())
+    table.fail(key, fmt::format("'{}' is not {}{}; allowed: {}", id, what, did_you_mean(id, ids),
+                                ids.empty() ? "none is there" : join(ids)));
+  return id;
+}
+
+std::optional<Quantity> quantity_of_text(const std::string& text, const std::vector<Quantity>& allowed) {
+  const size_t blank = text.rfind(' ');
+  const std::string unit = blank == std::string::npos ? "" : text.substr(blank + 1);
+  for (Quantity quantity : allowed) {
+    const std::vector<std::string> units = units_of(quantity);
+    if (std::find(units.begin(), units.end(), unit) != units.end()) return quantity;
+  }
+  return std::nullopt;
+}
+
+void read_cable_points(TableReader& table, int dimension, const std::vector<std::string>& fixed, CableSettings& cable) {
+  cable.points = read_points(table, dimension);
+  if (cable.points.size() < 2) table.fail("x", "a cable needs at least two points");
+  const std::string ends = table.choice("fixed", fixed);
+  cable.start_fixed = ends == "start" || ends == "both";
+  cable.end_fixed = ends == "end" || ends == "both";
+}
+
+void read_surroundings(TableReader& table, int dimension, SurfaceSettings& contact) {
+  for (TableReader& one : table.tables("obstacle")) {
+    if (dimension == 3) one.fail("", "obstacles are for 2D simulations; use a ground or a clamped body");
+    std::vector<Eigen::Vector2d>& line = contact.obstacles.emplace_back();
+    for (const std::vector<double>& point : read_points(one, 2)) line.emplace_back(point[0], point[1]);
+    if (line.size() < 2) one.fail("x", "an obstacle needs at least two points");
+    one.finish();
+  }
+  const auto vector = [](const std::vector<double>& values) {
+    return Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size())));
+  };
+  for (TableReader& one : table.tables("ground")) {
+    const size_t d = static_cast<size_t>(dimension);
+    const Eigen::VectorXd point = vector(one.quantities("point", Quantity::length, d)),
+                          normal = vector(one.numbers("normal", d));
+    if (!(normal.norm() > 0)) one.fail("normal", "the normal must not be all zeros; it points to where things may be");
+    contact.grounds.push_back({point, normal.normalized()});
+    one.finish();
+  }
+}
+
+ChannelSettings read_channel(TableReader& table, const Setup& setup, int dimension,
+                             const std::vector<ChannelSettings::Kind>& kinds) {
+  using Kind = ChannelSettings::Kind;
+  ChannelSettings channel;
+  channel.id = table.text("id");
+  std::vector<std::string> names;
+  for (Kind kind : kinds) names.emplace_back(name_of(kind));
+  const std::string name = table.choice("kind", names);
+  channel.kind = kinds[static_cast<size_t>(std::find(names.begin(), names.end(), name) - names.begin())];
+  if (channel.of_cable()) channel.on = known_id(table, "of", ids_of(setup.cables.cables), "a [[cable]]");
+  if (channel.of_joint()) channel.on = known_id(table, "of", ids_of(setup.joints), "a [[joint]]");
+  const bool directed = channel.of_place() || channel.kind == Kind::reaction || channel.kind == Kind::net_force ||
+                        (channel.kind == Kind::rotation && dimension == 3);
+  if (directed) channel.direction = direction_of(table, dimension);
+  return channel;
 }
 
 }  // namespace taut

@@ -43,9 +43,7 @@ void gather_parts(Mesh& mesh) {
   }
 }
 
-}  // namespace
-
-Mesh extrude(const Mesh& plane, double depth, int layers) {
+void check_extrusion(const Mesh& plane, double depth, int layers) {
   if (plane.dimension() != 2) throw InputError("a solid is swept from a plane mesh, and this one is solid already");
   if (!(depth > 0) || !std::isfinite(depth) || layers < 1) {
     throw InputError(
@@ -56,42 +54,52 @@ Mesh extrude(const Mesh& plane, double depth, int layers) {
       throw InputError(
           fmt::format("the tag '{}' is the name of a face that a solid gets; rename the plane mesh's own", name));
   }
-  // Vertices in the plane mesh's order; above each, a column of nodes in a row.
-  std::vector<int> vertex(static_cast<size_t>(plane.node_count()), -1);
-  for (int e = 0; e < plane.element_count(); ++e) {
-    for (int a = 0; a < 3; ++a) vertex[static_cast<size_t>(plane.element(e)[a])] = 0;
-  }
-  int vertices = 0;
-  for (int& number : vertex) {
-    if (number == 0) number = vertices++;
-  }
-  const int height = layers + 1;
-  const auto node = [&](int plane_node, int level) { return vertex[static_cast<size_t>(plane_node)] * height + level; };
-  Mesh mesh;
-  mesh.shape = ElementShape::tet4;
-  mesh.region_names = plane.region_names;
-  mesh.X.resize(3 * static_cast<Eigen::Index>(vertices) * height);
-  for (int i = 0; i < plane.node_count(); ++i) {
-    if (vertex[static_cast<size_t>(i)] < 0) continue;
-    for (int level = 0; level < height; ++level) {
-      mesh.X.segment<3>(3 * node(i, level)) << plane.X[2 * i], plane.X[2 * i + 1],
-          level == layers ? depth : depth * level / layers;
+}
+
+/// The columns of nodes above the vertices of a plane mesh, in its order.
+struct Columns {
+  std::vector<int> vertex;  ///< per plane node: which column, -1: none (a mid-node)
+  int count = 0, layers;
+
+  Columns(const Mesh& plane, int given_layers)
+      : vertex(static_cast<size_t>(plane.node_count()), -1), layers(given_layers) {
+    for (int e = 0; e < plane.element_count(); ++e) {
+      for (int a = 0; a < 3; ++a) vertex[static_cast<size_t>(plane.element(e)[a])] = 0;
+    }
+    for (int& number : vertex) {
+      if (number == 0) number = count++;
     }
   }
+  bool has(int plane_node) const { return vertex[static_cast<size_t>(plane_node)] >= 0; }
+  int node(int plane_node, int level) const { return vertex[static_cast<size_t>(plane_node)] * (layers + 1) + level; }
+};
 
+void place_columns(const Mesh& plane, const Columns& columns, double depth, Mesh& mesh) {
+  mesh.X.resize(3 * static_cast<Eigen::Index>(columns.count) * (columns.layers + 1));
+  for (int i = 0; i < plane.node_count(); ++i) {
+    if (!columns.has(i)) continue;
+    for (int level = 0; level <= columns.layers; ++level) {
+      mesh.X.segment<3>(3 * columns.node(i, level)) << plane.X[2 * i], plane.X[2 * i + 1],
+          level == columns.layers ? depth : depth * level / columns.layers;
+    }
+  }
+}
+
+/// Three tetrahedra per prism, and the two faces that the sweep begins and ends with.
+void sweep_elements(const Mesh& plane, const Columns& columns, Mesh& mesh) {
   Tag symmetry{2, 3, {}}, side{2, 3, {}};
   for (int e = 0; e < plane.element_count(); ++e) {
     std::array<int, 3> corners{plane.element(e)[0], plane.element(e)[1], plane.element(e)[2]};
     std::sort(corners.begin(), corners.end());
-    for (int layer = 0; layer < layers; ++layer) {
+    for (int layer = 0; layer < columns.layers; ++layer) {
       // From the lowest number's vertex at one end of the prism to the highest one's at the other, up one edge a time.
       const int from = layer + layer % 2, to = layer + 1 - layer % 2;
       for (int risen = 0; risen < 3; ++risen) {
         std::array<int, 4> tetrahedron{};
         for (int a = 0; a <= 2 - risen; ++a)
-          tetrahedron[static_cast<size_t>(a)] = node(corners[static_cast<size_t>(a)], from);
+          tetrahedron[static_cast<size_t>(a)] = columns.node(corners[static_cast<size_t>(a)], from);
         for (int a = 2 - risen; a < 3; ++a)
-          tetrahedron[static_cast<size_t>(a + 1)] = node(corners[static_cast<size_t>(a)], to);
+          tetrahedron[static_cast<size_t>(a + 1)] = columns.node(corners[static_cast<size_t>(a)], to);
         mesh.elements.insert(mesh.elements.end(), tetrahedron.begin(), tetrahedron.end());
         mesh.region.push_back(plane.region[static_cast<size_t>(e)]);
         const int last = mesh.element_count() - 1;
@@ -99,34 +107,49 @@ Mesh extrude(const Mesh& plane, double depth, int layers) {
       }
     }
     for (int corner : corners) {
-      symmetry.entities.push_back(node(corner, 0));
-      side.entities.push_back(node(corner, layers));
-    }
-  }
-  for (const auto& [name, tag] : plane.tags) {
-    Tag& swept = mesh.tags[name] = {tag.dimension + 1, tag.dimension + 2, {}};
-    for (int i = 0; i < tag.count(); ++i) {
-      const int* ends = &tag.entities[static_cast<size_t>(i * tag.nodes_per_entity)];
-      if (vertex[static_cast<size_t>(ends[0])] < 0) {
-        throw InputError(
-            fmt::format("the point at {} of tag '{}' is no corner of an element, so that no edge goes "
-                        "through the solid there; tag a corner",
-                        in_millimetres(plane.node(ends[0])), name));
-      }
-      for (int layer = 0; layer < layers; ++layer) {
-        if (tag.dimension == 0) {
-          swept.entities.insert(swept.entities.end(), {node(ends[0], layer), node(ends[0], layer + 1)});
-          continue;
-        }
-        const int low = std::min(ends[0], ends[1]), high = std::max(ends[0], ends[1]);
-        const int from = layer + layer % 2, to = layer + 1 - layer % 2;
-        swept.entities.insert(swept.entities.end(), {node(low, from), node(high, from), node(high, to), node(low, from),
-                                                     node(high, to), node(low, to)});
-      }
+      symmetry.entities.push_back(columns.node(corner, 0));
+      side.entities.push_back(columns.node(corner, columns.layers));
     }
   }
   mesh.tags["symmetry"] = std::move(symmetry);
   mesh.tags["side"] = std::move(side);
+}
+
+/// Points become lines and lines faces.
+void sweep_tag(const Mesh& plane, const std::string& name, const Tag& tag, const Columns& columns, Mesh& mesh) {
+  Tag& swept = mesh.tags[name] = {tag.dimension + 1, tag.dimension + 2, {}};
+  for (int i = 0; i < tag.count(); ++i) {
+    const int* ends = &tag.entities[static_cast<size_t>(i * tag.nodes_per_entity)];
+    if (!columns.has(ends[0])) {
+      throw InputError(
+          fmt::format("the point at {} of tag '{}' is no corner of an element, so that no edge goes "
+                      "through the solid there; tag a corner",
+                      in_millimetres(plane.node(ends[0])), name));
+    }
+    for (int layer = 0; layer < columns.layers; ++layer) {
+      if (tag.dimension == 0) {
+        swept.entities.insert(swept.entities.end(), {columns.node(ends[0], layer), columns.node(ends[0], layer + 1)});
+        continue;
+      }
+      const int low = std::min(ends[0], ends[1]), high = std::max(ends[0], ends[1]);
+      const int from = layer + layer % 2, to = layer + 1 - layer % 2;
+      const int a = columns.node(low, from), b = columns.node(high, from), c = columns.node(high, to);
+      swept.entities.insert(swept.entities.end(), {a, b, c, a, c, columns.node(low, to)});
+    }
+  }
+}
+
+}  // namespace
+
+Mesh extrude(const Mesh& plane, double depth, int layers) {
+  check_extrusion(plane, depth, layers);
+  const Columns columns(plane, layers);
+  Mesh mesh;
+  mesh.shape = ElementShape::tet4;
+  mesh.region_names = plane.region_names;
+  place_columns(plane, columns, depth, mesh);
+  sweep_elements(plane, columns, mesh);
+  for (const auto& [name, tag] : plane.tags) sweep_tag(plane, name, tag, columns, mesh);
   for (Part part : plane.parts) {
     part.first_element *= 3 * layers;
     part.element_count *= 3 * layers;

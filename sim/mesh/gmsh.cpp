@@ -217,6 +217,42 @@ void tag_bounding_faces(Mesh& mesh, const std::vector<std::vector<double>>& plan
   }
 }
 
+/// Boxes as volumes of the open model that share the faces in which they touch.
+void add_boxes(const std::vector<BoxRegion>& boxes, const Scaling& scaling) {
+  namespace occ = gmsh::model::occ;
+  gmsh::vectorpair volumes;
+  for (const BoxRegion& box : boxes) {
+    std::array<double, 3> corner;
+    std::array<double, 3> extent;
+    for (size_t c = 0; c < 3; ++c) {
+      corner[c] = scaling.to_gmsh(c, box.lower[c]);
+      extent[c] = scaling.to_gmsh(c, box.upper[c]) - corner[c];
+    }
+    volumes.emplace_back(3, occ::addBox(corner[0], corner[1], corner[2], extent[0], extent[1], extent[2]));
+  }
+  if (volumes.size() > 1) {
+    gmsh::vectorpair fragments;
+    std::vector<gmsh::vectorpair> origins;
+    occ::fragment({volumes.front()}, {volumes.begin() + 1, volumes.end()}, fragments, origins);
+  }
+  occ::synchronize();
+}
+
+/// The box around a point in Gmsh's units.
+const BoxRegion& box_around(const std::vector<BoxRegion>& boxes, const Scaling& scaling,
+                            const std::array<double, 3>& point) {
+  const auto owner = std::find_if(boxes.begin(), boxes.end(), [&](const BoxRegion& box) {
+    bool inside = true;
+    for (size_t c = 0; c < 3; ++c) {
+      const double x = scaling.from_gmsh(c, point[c]);
+      inside = inside && box.lower[c] < x && x < box.upper[c];
+    }
+    return inside;
+  });
+  if (owner == boxes.end()) throw InputError("Gmsh made a volume that belongs to none of the boxes");
+  return *owner;
+}
+
 }  // namespace
 
 bool has_gmsh() {
@@ -305,23 +341,7 @@ Mesh mesh_boxes(const std::vector<BoxRegion>& boxes, double size, int order) {
   const Scaling scaling{{planes_of_axis[0].front(), planes_of_axis[1].front(), planes_of_axis[2].front()}, diagonal};
 
   return with_gmsh([&] {
-    namespace occ = gmsh::model::occ;
-    gmsh::vectorpair volumes;
-    for (const BoxRegion& box : joined) {
-      std::array<double, 3> corner;
-      std::array<double, 3> extent;
-      for (size_t c = 0; c < 3; ++c) {
-        corner[c] = scaling.to_gmsh(c, box.lower[c]);
-        extent[c] = scaling.to_gmsh(c, box.upper[c]) - corner[c];
-      }
-      volumes.emplace_back(3, occ::addBox(corner[0], corner[1], corner[2], extent[0], extent[1], extent[2]));
-    }
-    if (volumes.size() > 1) {
-      gmsh::vectorpair fragments;
-      std::vector<gmsh::vectorpair> origins;
-      occ::fragment({volumes.front()}, {volumes.begin() + 1, volumes.end()}, fragments, origins);
-    }
-    occ::synchronize();
+    add_boxes(joined, scaling);
     gmsh::option::setNumber("Mesh.MeshSizeMax", size / diagonal);
     gmsh::model::mesh::generate(3);
 
@@ -334,17 +354,8 @@ Mesh mesh_boxes(const std::vector<BoxRegion>& boxes, double size, int order) {
     gmsh::model::getEntities(pieces, 3);
     for (const auto& [dimension, piece] : pieces) {
       std::array<double, 3> centre;
-      occ::getCenterOfMass(dimension, piece, centre[0], centre[1], centre[2]);
-      const auto owner = std::find_if(joined.begin(), joined.end(), [&](const BoxRegion& box) {
-        bool inside = true;
-        for (size_t c = 0; c < 3; ++c) {
-          const double x = scaling.from_gmsh(c, centre[c]);
-          inside = inside && box.lower[c] < x && x < box.upper[c];
-        }
-        return inside;
-      });
-      if (owner == joined.end()) throw InputError("Gmsh made a volume that belongs to none of the boxes");
-      reader.add_region(piece, owner->region);
+      gmsh::model::occ::getCenterOfMass(dimension, piece, centre[0], centre[1], centre[2]);
+      reader.add_region(piece, box_around(joined, scaling, centre).region);
     }
     tag_bounding_faces(mesh, planes_of_axis);
     return finished(std::move(mesh), order, "mesh of boxes");

@@ -94,6 +94,12 @@ std::vector<double> graded_both(double length, int cells, double ratio) {
   return x;
 }
 
+void step_to(std::vector<double>& x, double end, int cells) {
+  const double begin = x.back();
+  for (int k = 1; k < cells; ++k) x.push_back(begin + (end - begin) * k / cells);
+  x.push_back(end);
+}
+
 Mesh rectangle(const std::vector<double>& x, const std::vector<double>& y, int order, const std::string& region,
                Diagonals diagonals) {
   check_coordinates('x', x);

@@ -14,6 +14,9 @@ std::vector<double> graded(double length, int cells, double ratio = 1.0);
 /// Like graded(), refined towards both ends: the middle cell is `ratio` times the first and the last one.
 std::vector<double> graded_both(double length, int cells, double ratio);
 
+/// Appends `cells` equal steps up to `end`, which is exact.
+void step_to(std::vector<double>& x, double end, int cells);
+
 /// Which way the cells of a rectangle are cut in two. Alternating diagonals favour no direction; all rising (lower left
 /// to upper right) or all falling ones are what many mesh generators make, and linear elements suffer for it.
 enum class Diagonals { alternating, rising, falling };

@@ -1,8 +1,9 @@
 #include "sim/mesh/weights.hpp"
 
 #include <Eigen/Geometry>
+#include <Eigen/LU>
 
-#include "sim/mesh/topology.hpp"
+#include "sim/mesh/shape_functions.hpp"
 
 namespace taut {
 namespace {
@@ -56,10 +57,22 @@ Eigen::VectorXd mean_weights(const Mesh& mesh, const Tag& tag, const Eigen::Vect
 }
 
 std::vector<double> element_measures(const Mesh& mesh) {
-  const double simplex = mesh.dimension() == 2 ? 2 : 6;  // a unit simplex's share of its parallelepiped
-  std::vector<double> measures;
-  for (int e = 0; e < mesh.element_count(); ++e) measures.push_back(vertex_determinant(mesh, e) / simplex);
-  return measures;
+  return with_shape(mesh.shape, [&](auto shape) {
+    using Reference = ReferenceElement<shape>;
+    std::vector<double> measures;
+    for (int e = 0; e < mesh.element_count(); ++e) {
+      Eigen::Matrix<double, Reference::D, Reference::N> X;
+      for (int a = 0; a < Reference::N; ++a) X.col(a) = mesh.node(mesh.element(e)[a]);
+      double sum = 0;
+      for (const auto& point : Reference::quadrature()) {
+        const Eigen::Matrix<double, Reference::D, Reference::D> jacobian =
+            X * Reference::gradients(point.xi).transpose();
+        sum += point.weight * jacobian.determinant();
+      }
+      measures.push_back(sum);
+    }
+    return measures;
+  });
 }
 
 Eigen::VectorXd body_weights(const Mesh& mesh, int region, const Eigen::VectorXd& direction) {

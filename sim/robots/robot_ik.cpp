@@ -8,9 +8,9 @@ namespace taut {
 
 std::vector<IkAnswer> solve_target(const Simulation& simulation, const Robot& robot, const IkTarget& target,
                                    const std::atomic<bool>* stop) {
-  const auto reading_of = [&](const std::string& id) -> const RobotReading& {
+  const auto reading_of = [&](const std::string& id) -> const SceneReading& {
     return *std::find_if(robot.readings.begin(), robot.readings.end(),
-                         [&](const RobotReading& reading) { return reading.id == id; });
+                         [&](const SceneReading& reading) { return reading.id == id; });
   };
   IkAnswer blank;
   blank.target = target.name;
@@ -38,7 +38,7 @@ std::vector<IkAnswer> solve_target(const Simulation& simulation, const Robot& ro
   std::vector<IkChannel> channels;
   std::vector<double> rest;
   for (const auto& [id, values] : target.values) {
-    const RobotReading& reading = reading_of(id);
+    const SceneReading& reading = reading_of(id);
     channels.push_back({{std::shared_ptr<void>(), reading.channel.get()}});  // the robot keeps it
     rest.push_back(reading.rest);
     blank.channels.push_back(id);

@@ -3,40 +3,19 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <limits>
 
 #include "sim/core/error.hpp"
+#include "sim/core/stopwatch.hpp"
 #include "sim/core/units.hpp"
 #include "sim/robots/reach.hpp"
+#include "sim/robots/sensitivities.hpp"
 #include "sim/solve/sundials_integrator.hpp"
 #include "sim/terms/solid.hpp"
 
 namespace taut {
 namespace {
-
-/// Force on a part by all others but gravity: its mass times acceleration, less its weight.
-double net_force(const Robot& robot, const RobotReading& reading, const AcceptedStep& step) {
-  const Model& model = *robot.scene.model;
-  if (step.h == 0) return 0;
-  Eigen::VectorXd inertia;
-  Assembly out;
-  out.gradient = &inertia;
-  TimeStep undamped = step.step;  // rates zero: mass-proportional damping is a force like others
-  undamped.rate = {undamped.rate[0], -undamped.rate[0], 0};
-  undamped.previous = step.u;
-  model.evaluate_inertia({step.u, step.p, &undamped}, out);
-  const Eigen::VectorXd weight = step.p[robot.gravity] * model.parameter_gradient({step.u, step.p}, robot.gravity);
-  const Part& part = model.mesh().parts[static_cast<size_t>(reading.part)];
-  const int d = model.mesh().dimension();
-  double force = 0;
-  for (int node = part.first_node; node < part.first_node + part.node_count; ++node) {
-    const Eigen::Index i = static_cast<Eigen::Index>(node) * d;
-    force += reading.direction.dot(inertia.segment(i, d) + weight.segment(i, d));
-  }
-  return force;
-}
 
 class Recorder {
  public:
@@ -51,7 +30,7 @@ class Recorder {
     result_->states.push_back(step.u);
     for (size_t k = 0; k < robot_->controls.size(); ++k) result_->controls[k].push_back(step.p[robot_->controls[k]]);
     for (size_t k = 0; k < robot_->readings.size(); ++k) {
-      const RobotReading& reading = robot_->readings[k];
+      const SceneReading& reading = robot_->readings[k];
       result_->readings[k].push_back(reading.channel ? reading.rest + reading.channel->value({step.u, step.p})
                                                      : net_force(*robot_, reading, step));
     }
@@ -92,13 +71,59 @@ Equilibrium make_equilibrium(const Simulation& simulation, const Robot& robot, c
   return equilibrium;
 }
 
+/// Throws InputError for sensitivities that there are none of.
+void check_sensitivities(const Simulation& simulation, const Robot& robot, const SimulationSensitivities& wanted) {
+  if (!wanted.any()) return;
+  using enum SimulationMethod;
+  if (simulation.method != quasi_static && simulation.method != implicit_euler && simulation.method != bdf2) {
+    throw InputError(
+        fmt::format("{}: [simulation]: SUNDIALS' integrators give no sensitivities here; choose integrator = "
+                    "\"implicit_euler\", \"bdf2\" or \"static\"",
+                    simulation.path));
+  }
+  if (wanted.goal && !robot.readings[wanted.goal->reading].channel) {
+    throw InputError(
+        fmt::format("{}: channel '{}' is a net force, which depends on several states and can be no goal; take its "
+                    "forward sensitivities",
+                    simulation.path, robot.readings[wanted.goal->reading].id));
+  }
+}
+
+/// Which of the times comes nearest to t.
+size_t nearest(const std::vector<double>& times, double t) {
+  const auto closer = [t](double a, double b) { return std::abs(a - t) < std::abs(b - t); };
+  return static_cast<size_t>(std::min_element(times.begin(), times.end(), closer) - times.begin());
+}
+
+/// du/dp at the last equilibrium.
+Eigen::MatrixXd equilibrium_derivatives(Equilibrium& equilibrium, const std::vector<int>& parameters) {
+  if (!equilibrium.has_factor() && !equilibrium.refactorise())
+    throw std::logic_error("an equilibrium's Hessian is not positive definite");
+  return equilibrium.sensitivities(parameters);
+}
+
+void follow_equilibrium(const Robot& robot, const SimulationSensitivities& wanted, Equilibrium& equilibrium,
+                        const AcceptedStep& state, bool goal, SimulationResult& result) {
+  if (!wanted.all_readings && !goal) return;
+  const Eigen::MatrixXd du = equilibrium_derivatives(equilibrium, wanted.parameters);
+  const Eigen::MatrixXd dy =
+      reading_derivatives(robot, state, {du, Eigen::MatrixXd::Zero(du.rows(), du.cols())}, wanted.parameters);
+  if (wanted.all_readings) result.derivatives.push_back(dy);
+  if (!goal) return;
+  result.goal_sample = result.times.size() - 1;
+  result.goal_gradient = dy.row(static_cast<Eigen::Index>(wanted.goal->reading)).transpose();
+}
+
 void run_static(const Simulation& simulation, const Robot& robot, const SimulateOptions& options, Recorder& recorder,
                 SimulationResult& result) {
   Equilibrium equilibrium = make_equilibrium(simulation, robot, options.stop);
   const int steps = static_cast<int>(std::ceil(simulation.duration / simulation.step * (1 - 1e-9)));
-  for (int k = 0; k <= steps; ++k) {
-    const double t = std::min(simulation.duration, k * simulation.step);
-    const Params p = robot.at(simulation, t);
+  std::vector<double> times;
+  for (int k = 0; k <= steps; ++k) times.push_back(std::min(simulation.duration, k * simulation.step));
+  const auto& goal = options.sensitivities.goal;
+  const size_t goal_sample = goal ? nearest(times, goal->time) : times.size();
+  for (size_t k = 0; k < times.size(); ++k) {
+    const Params p = robot.at(simulation, times[k]);
     const SolveReport& report = equilibrium.solve(p);
     if (report.left_saddle) ++result.saddles_left;
     result.iterations += report.iterations;
@@ -106,25 +131,37 @@ void run_static(const Simulation& simulation, const Robot& robot, const Simulate
     result.repeated += report.load_steps > 1 ? report.load_steps - 1 : 0;
     result.interrupted = report.status == SolveStatus::interrupted;
     if (report.status != SolveStatus::converged) {
-      result.failure = stopped_at(t, report.message());
+      result.failure = stopped_at(times[k], report.message());
       return;
     }
-    recorder.add(
-        {t, k == 0 ? 0 : simulation.step, equilibrium.u(), Eigen::VectorXd::Zero(equilibrium.u().size()), p, {}});
+    const Eigen::VectorXd still = Eigen::VectorXd::Zero(equilibrium.u().size());
+    const AcceptedStep state{times[k], k == 0 ? 0 : simulation.step, equilibrium.u(), still, p, {}};
+    recorder.add(state);
+    follow_equilibrium(robot, options.sensitivities, equilibrium, state, k == goal_sample, result);
     ++result.steps;
-    if (options.progress) options.progress(t, result);
+    if (options.progress) options.progress(times[k], result);
   }
 }
 
-/// Displacements to start from.
-Eigen::VectorXd start_of(const Simulation& simulation, const Robot& robot, const SimulateOptions& options,
-                         SimulationResult& result) {
-  const Eigen::VectorXd rest = Eigen::VectorXd::Zero(robot.scene.model->unknowns());
+/// Displacements to start from, and their derivatives where sensitivities are asked for.
+struct Start {
+  Eigen::VectorXd u;
+  Eigen::MatrixXd du;
+};
+
+Start start_of(const Simulation& simulation, const Robot& robot, const SimulateOptions& options,
+               SimulationResult& result) {
+  const std::vector<int>& parameters = options.sensitivities.parameters;
+  const Eigen::Index unknowns = robot.scene.model->unknowns();
+  const Start rest{Eigen::VectorXd::Zero(unknowns),
+                   Eigen::MatrixXd::Zero(unknowns, static_cast<Eigen::Index>(parameters.size()))};
   if (!simulation.from_equilibrium) return rest;
   Equilibrium equilibrium = make_equilibrium(simulation, robot, options.stop);
   const SolveReport& report = equilibrium.solve(robot.at(simulation, 0));
   result.factorisations += report.factorisations;
-  if (report.status == SolveStatus::converged) return equilibrium.u();
+  if (report.status == SolveStatus::converged) {
+    return {equilibrium.u(), options.sensitivities.any() ? equilibrium_derivatives(equilibrium, parameters) : rest.du};
+  }
   result.interrupted = report.status == SolveStatus::interrupted;
   result.failure = fmt::format(
       "there is no equilibrium to start from: {}; set start = \"rest\" (bodies without supports "
@@ -133,19 +170,19 @@ Eigen::VectorXd start_of(const Simulation& simulation, const Robot& robot, const
   return rest;
 }
 
-void run_stepper(const Simulation& simulation, const Robot& robot, const SimulateOptions& options, Recorder& recorder,
-                 SimulationResult& result) {
+TimeStepperOptions stepper_options(const Simulation& simulation, const std::atomic<bool>* stop) {
   TimeStepperOptions settings;
   settings.integrator = simulation.method == SimulationMethod::bdf2 ? Integrator::bdf2 : Integrator::implicit_euler;
   settings.step = simulation.step;
   settings.tolerance = simulation.tolerance;
   settings.equilibrium = simulation.equilibrium;
-  settings.equilibrium.stop = options.stop;
-  TimeStepper stepper(*robot.scene.model, settings);
-  stepper.start(0, start_of(simulation, robot, options, result), robot.velocity,
-                [&](double t) { return robot.at(simulation, t); });
-  if (!result.failure.empty()) return;
-  recorder.add(stepper.last());
+  settings.equilibrium.stop = stop;
+  return settings;
+}
+
+/// Steps to the end of the simulation; `record` is called after each.
+void step_to_end(const Simulation& simulation, const SimulateOptions& options, TimeStepper& stepper,
+                 const std::function<void()>& record, SimulationResult& result) {
   while (stepper.t() < simulation.duration) {
     const bool accepted = stepper.advance(simulation.duration);
     const TimeStepperReport& report = stepper.report();
@@ -155,18 +192,50 @@ void run_stepper(const Simulation& simulation, const Robot& robot, const Simulat
     result.factorisations = report.factorisations;
     if (!accepted) {
       result.interrupted = report.status == SolveStatus::interrupted;
-      result.failure = stopped_at(
-          stepper.t(), fmt::format("no step was accepted, down to {} ({})",
-                                   with_unit(simulation.step * settings.shortest, "s"), name_of(report.status)));
+      result.failure =
+          stopped_at(stepper.t(), fmt::format("no step was accepted, down to {} ({})",
+                                              with_unit(simulation.step * TimeStepperOptions().shortest, "s"),
+                                              name_of(report.status)));
       return;
     }
-    recorder.add(stepper.last());
+    record();
     if (result.steps >= 1'000'000) {
       result.failure = stopped_at(stepper.t(), "a million steps were not enough");
       return;
     }
     if (options.progress) options.progress(stepper.t(), result);
   }
+}
+
+void run_stepper(const Simulation& simulation, const Robot& robot, const SimulateOptions& options, Recorder& recorder,
+                 SimulationResult& result) {
+  const SimulationSensitivities& wanted = options.sensitivities;
+  TimeStepper stepper(*robot.scene.model, stepper_options(simulation, options.stop));
+  const Start start = start_of(simulation, robot, options, result);
+  if (!result.failure.empty()) return;
+  // A parameter moves by itself and as much at all times: dp/dtheta is made of unit vectors.
+  const auto count = static_cast<Eigen::Index>(wanted.parameters.size());
+  Eigen::MatrixXd offsets = Eigen::MatrixXd::Zero(robot.scene.model->parameters().size(), count);
+  for (Eigen::Index j = 0; j < count; ++j) offsets(wanted.parameters[static_cast<size_t>(j)], j) = 1;
+  if (wanted.all_readings) stepper.track(static_cast<int>(count), [&](double) { return offsets; });
+  stepper.start(
+      0, start.u, robot.velocity, [&](double t) { return robot.at(simulation, t); },
+      wanted.all_readings ? start.du : Eigen::MatrixXd());
+  std::vector<AcceptedStep> states;  // what the adjoint method goes back through
+  const auto record = [&] {
+    recorder.add(stepper.last());
+    if (wanted.goal) states.push_back(stepper.last());
+    if (!wanted.all_readings) return;
+    result.derivatives.push_back(
+        reading_derivatives(robot, stepper.last(), {stepper.du(), stepper.dreference()}, wanted.parameters));
+  };
+  record();
+  step_to_end(simulation, options, stepper, record, result);
+  if (!wanted.goal || (!result.failure.empty() && wanted.goal->time > result.times.back())) return;
+  result.goal_sample = nearest(result.times, wanted.goal->time);
+  states.resize(*result.goal_sample + 1);
+  result.goal_gradient =
+      reading_gradient(robot, std::move(states), robot.readings[wanted.goal->reading], start.du, wanted.parameters);
 }
 
 void run_sundials(const Simulation& simulation, const Robot& robot, const SimulateOptions& options, Recorder& recorder,
@@ -178,7 +247,7 @@ void run_sundials(const Simulation& simulation, const Robot& robot, const Simula
   if (simulation.tolerance > 0) settings.tolerance = simulation.tolerance;
   OdeIntegrator integrator(*robot.scene.model, settings);
   const Schedule schedule = [&](double t) { return robot.at(simulation, std::max(t, 0.0)); };
-  integrator.start(0, start_of(simulation, robot, options, result), robot.velocity, schedule);
+  integrator.start(0, start_of(simulation, robot, options, result).u, robot.velocity, schedule);
   if (!result.failure.empty()) return;
   const auto state = [&] {
     return AcceptedStep{integrator.t(), 0, integrator.u(), integrator.v(), schedule(integrator.t()), {}};
@@ -218,12 +287,39 @@ void test_states(const Robot& robot, SimulationResult& result) {
   }
 }
 
+/// A control of a workspace's mode and its range.
+struct Axis {
+  int index;
+  double lower, upper;
+};
+
+std::vector<Axis> axes_of(const Simulation& simulation, const Robot& robot, const WorkspaceMode& mode) {
+  std::vector<Axis> axes;
+  for (size_t k = 0; k < simulation.controls.size(); ++k) {
+    const auto range = mode.ranges.find(simulation.controls[k].id);
+    if (range != mode.ranges.end()) axes.push_back({robot.controls[k], range->second.first, range->second.second});
+  }
+  return axes;
+}
+
+/// 1 / sqrt of the k-th prime: a curve of such periods never closes.
+double period(size_t k) {
+  int prime = 1;
+  for (size_t found = 0; found <= k;) {
+    ++prime;
+    bool divided = false;
+    for (int by = 2; by * by <= prime; ++by) divided = divided || prime % by == 0;
+    if (!divided) ++found;
+  }
+  return 1 / std::sqrt(prime);
+}
+
 }  // namespace
 
 Params at_rest(const Simulation& simulation, const Robot& robot) {
   Params p = robot.at(simulation, 0);
   p[robot.gravity] = 0;
-  for (const RobotLoad& load : simulation.loads) {
+  for (const LoadSettings& load : simulation.loads) {
     const std::string& id = load.control.empty() ? load.id : load.control;
     p[robot.scene.model->parameters().index(id)] = 0;
   }
@@ -235,7 +331,8 @@ Params at_rest(const Simulation& simulation, const Robot& robot) {
 }
 
 SimulationResult simulate(const Simulation& simulation, const Robot& robot, const SimulateOptions& options) {
-  const auto start = std::chrono::steady_clock::now();
+  check_sensitivities(simulation, robot, options.sensitivities);
+  const Stopwatch stopwatch;
   SimulationResult result;
   Recorder recorder(robot, result);
   switch (simulation.method) {
@@ -249,7 +346,7 @@ SimulationResult simulate(const Simulation& simulation, const Robot& robot, cons
     default:
       run_sundials(simulation, robot, options, recorder, result);
   }
-  result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  result.seconds = stopwatch.seconds();
   test_states(robot, result);
   return result;
 }
@@ -258,11 +355,11 @@ WorkspaceResult sample_workspace(const Simulation& simulation, const Robot& robo
                                  const std::atomic<bool>* stop) {
   WorkspaceResult result;
   result.mode = mode.name;
-  const auto reading = [&](const std::string& id) -> const RobotReading& {
+  const auto reading = [&](const std::string& id) -> const SceneReading& {
     return *std::find_if(robot.readings.begin(), robot.readings.end(),
-                         [&](const RobotReading& r) { return r.id == id; });
+                         [&](const SceneReading& r) { return r.id == id; });
   };
-  const RobotReading &x = reading(simulation.workspace->x), &y = reading(simulation.workspace->y);
+  const SceneReading &x = reading(simulation.workspace->x), &y = reading(simulation.workspace->y);
   Equilibrium equilibrium = make_equilibrium(simulation, robot, stop);
   Params p = robot.at(simulation, 0);
   equilibrium.solve(p);
@@ -275,15 +372,7 @@ WorkspaceResult sample_workspace(const Simulation& simulation, const Robot& robo
     const Point at{equilibrium.u(), equilibrium.p()};
     result.points.emplace_back(x.rest + x.channel->value(at), y.rest + y.channel->value(at));
   };
-  struct Axis {
-    int index;
-    double lower, upper;
-  };
-  std::vector<Axis> axes;
-  for (size_t k = 0; k < simulation.controls.size(); ++k) {
-    const auto range = mode.ranges.find(simulation.controls[k].id);
-    if (range != mode.ranges.end()) axes.push_back({robot.controls[k], range->second.first, range->second.second});
-  }
+  const std::vector<Axis> axes = axes_of(simulation, robot, mode);
   const auto set = [&](size_t axis, double fraction) {
     p[axes[axis].index] = axes[axis].lower + fraction * (axes[axis].upper - axes[axis].lower);
   };
@@ -292,17 +381,6 @@ WorkspaceResult sample_workspace(const Simulation& simulation, const Robot& robo
     for (size_t k = 0; k < axes.size(); ++k) set(k, end);
     visit(p);
   }
-  // Square roots of primes: the curve never closes.
-  const auto period = [](size_t k) {
-    int prime = 1;
-    for (size_t found = 0; found <= k;) {
-      ++prime;
-      bool divided = false;
-      for (int by = 2; by * by <= prime; ++by) divided = divided || prime % by == 0;
-      if (!divided) ++found;
-    }
-    return 1 / std::sqrt(prime);
-  };
   const double fastest = axes.empty() ? 1 : period(axes.size() - 1);
   for (int i = 1; i <= simulation.workspace->samples; ++i) {
     for (size_t k = 0; k < axes.size(); ++k) {

@@ -1,6 +1,7 @@
 #pragma once
 #include <atomic>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -27,14 +28,37 @@ struct SimulationResult {
   double smallest_distance = 0;    ///< between boundaries that may touch [m]; +inf without contact
   double largest_joint_gap = 0;    ///< [m]
   double largest_motor_error = 0;  ///< actual less commanded angle [rad]
+  // As SimulateOptions::sensitivities asks for them, per unit of each parameter, SI.
+  std::vector<Eigen::MatrixXd> derivatives;  ///< of all readings, (readings x parameters), over the times
+  std::optional<size_t> goal_sample;         ///< which of the times the goal is at; none: the run ended before it
+  Eigen::VectorXd goal_gradient;             ///< of the goal, (parameters)
+};
+
+/// Which derivatives a run follows. They are exact ones of what the run computed: of its equilibria, or of its time
+/// steps, whose lengths count as given (so do the contact's pressures, which a file without them derives from its
+/// moduli). A control counts as the offset of its whole schedule, a start in equilibrium moves with the parameters. A
+/// kink (a cable that goes taut) has one-sided derivatives only, of the side on which the state is.
+struct SimulationSensitivities {
+  std::vector<int> parameters;  ///< table indices
+  bool all_readings = false;    ///< of all readings at every time, forward: one linear solve per time and parameter
+  /// One reading at one time, by the adjoint method: one linear solve per time. At the accepted state nearest to `time`
+  /// [s]. No net force, which depends on several states.
+  struct Goal {
+    size_t reading = 0;
+    double time = 0;
+  };
+  std::optional<Goal> goal;
+  bool any() const { return all_readings || goal; }
 };
 
 struct SimulateOptions {
   const std::atomic<bool>* stop = nullptr;
   std::function<void(double t, const SimulationResult& so_far)> progress;
+  SimulationSensitivities sensitivities;
 };
 
-/// Runs a simulation from its start to its end, or as far as it goes: what was finished is kept.
+/// Runs a simulation from its start to its end, or as far as it goes: what was finished is kept. Throws InputError when
+/// sensitivities are asked of an integrator that has none (SUNDIALS'), or a goal of a net force.
 SimulationResult simulate(const Simulation& simulation, const Robot& robot, const SimulateOptions& options = {});
 
 /// All parameters at rest: gravity and all controls that load or move zero.

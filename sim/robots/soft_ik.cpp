@@ -4,11 +4,11 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <numbers>
 
 #include "sim/core/error.hpp"
+#include "sim/core/stopwatch.hpp"
 #include "sim/terms/solid.hpp"
 
 namespace taut {
@@ -100,6 +100,28 @@ class SoftIk::Search {
   }
   const Eigen::MatrixXd& slopes() const { return slopes_; }
 
+  /// The best state of several searches.
+  struct End {
+    Eigen::VectorXd q, u;
+    Params p;
+    double distance = std::numeric_limits<double>::infinity();
+    bool settled = false, reached = false;
+  };
+
+  /// Searches from q and keeps what it finds where that is better, and not folded unless there is nothing else.
+  void attempt(const Eigen::VectorXd& from, End& best) {
+    if (!evaluate(from, true)) return;
+    pull = 1;
+    Eigen::VectorXd q = minimise(awake(from));
+    pull = 0;
+    q = minimise(q);
+    const bool found = settled;
+    if (!evaluate(q, true) || !(distance() < best.distance)) return;
+    const bool folded = smallest_jacobian(ik_.scene_->model->mesh(), ik_.equilibrium_.u()) <= 0;
+    if (folded && best.q.size() > 0) return;
+    best = {q, ik_.equilibrium_.u(), ik_.equilibrium_.p(), distance(), found, reached()};
+  }
+
   /// Levenberg-Marquardt within the bounds from q; returns the best point. Where targets are out of reach, residuals
   /// stay and their second derivatives count: these are learnt from the changes of the Jacobian (S, a symmetric
   /// rank-one secant), without which the last steps would creep. Within the tolerance the Jacobian alone is right.
@@ -185,6 +207,21 @@ class SoftIk::Search {
     Eigen::MatrixXd J(rows() + controls(), controls());
     J << slopes_, pull * Eigen::MatrixXd::Identity(controls(), controls());
     return J;
+  }
+
+  /// Controls without effect are moved until they have one; where they get none, they stay.
+  Eigen::VectorXd awake(const Eigen::VectorXd& from) {
+    Eigen::VectorXd q = from;
+    for (double step = 0.01; step < 1 && evaluate(q, true); step *= 2) {
+      const Eigen::VectorXd effect = slopes_.colwise().norm();
+      if (effect.minCoeff() >= enough) return q;
+      for (Eigen::Index j = 0; j < q.size(); ++j) {
+        if (effect[j] < enough) q[j] = std::min(1.0, q[j] + step);
+      }
+    }
+    if (!evaluate(q, true)) return from;
+    const Eigen::VectorXd effect = slopes_.colwise().norm();
+    return (effect.array() >= enough).select(q, from);
   }
 
   bool differentiate() {
@@ -309,6 +346,17 @@ double SoftIk::stiffness() const {
   return 1 / c.dot(equilibrium_.solve_linear(c).col(0));
 }
 
+/// ", with 'a' at its lower bound, 'b' at its upper bound" or "".
+std::string SoftIk::bounds_text(const IkResult& result) const {
+  std::string text;
+  for (size_t j = 0; j < result.bound.size(); ++j) {
+    if (result.bound[j] == 0) continue;
+    text += fmt::format("{}'{}' at its {} bound", text.empty() ? ", with " : ", ",
+                        scene_->model->parameters()[indices_[j]].id, result.bound[j] < 0 ? "lower" : "upper");
+  }
+  return text;
+}
+
 IkResult SoftIk::solve(const Eigen::VectorXd& targets, std::optional<double> stiffness) {
   if (targets.size() != static_cast<Eigen::Index>(channels_.size()) || !targets.allFinite())
     throw InputError(fmt::format("{} targets were given to inverse kinematics with {} channels; give each a finite one",
@@ -318,7 +366,7 @@ IkResult SoftIk::solve(const Eigen::VectorXd& targets, std::optional<double> sti
         fmt::format("a stiffness of {:.6g} N/m is no target; it must be positive, and the options must "
                     "name its direction",
                     *stiffness));
-  const auto begin = std::chrono::steady_clock::now();
+  const Stopwatch stopwatch;
   solves_ = factorisations_ = 0;
   IkResult result;
   Search search(*this, targets, stiffness);
@@ -328,59 +376,27 @@ IkResult SoftIk::solve(const Eigen::VectorXd& targets, std::optional<double> sti
     result.iterations = search.iterations;
     result.solves = solves_;
     result.factorisations = factorisations_;
-    result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    result.seconds = stopwatch.seconds();
     return result;
   };
 
-  // Controls without effect are moved until they have one; where they get none, they stay.
-  const auto awake = [&](const Eigen::VectorXd& from) {
-    Eigen::VectorXd q = from;
-    for (double step = 0.01; step < 1 && search.evaluate(q, true); step *= 2) {
-      const Eigen::VectorXd effect = search.slopes().colwise().norm();
-      if (effect.minCoeff() >= enough) return q;
-      for (Eigen::Index j = 0; j < q.size(); ++j) {
-        if (effect[j] < enough) q[j] = std::min(1.0, q[j] + step);
-      }
-    }
-    if (!search.evaluate(q, true)) return from;
-    const Eigen::VectorXd effect = search.slopes().colwise().norm();
-    return Eigen::VectorXd((effect.array() >= enough).select(q, from));
-  };
-  struct End {
-    Eigen::VectorXd q, u;
-    Params p;
-    double distance = std::numeric_limits<double>::infinity();
-    bool settled = false, reached = false;
-  } best;
-  const Mesh& mesh = scene_->model->mesh();
-  if (smallest_jacobian(mesh, equilibrium_.u()) <= 0) forget();  // a folded state is no start
+  Search::End best;
+  if (smallest_jacobian(scene_->model->mesh(), equilibrium_.u()) <= 0) forget();  // a folded state is no start
   const Eigen::VectorXd u = equilibrium_.u();
   const Params p = equilibrium_.p();
   Eigen::VectorXd current(range_.size());
   for (size_t j = 0; j < controls_.size(); ++j) current[static_cast<Eigen::Index>(j)] = p[indices_[j]];
   const Eigen::VectorXd start = at_rest_ ? search.nominal() : to_range(current);
   at_rest_ = false;
-  const auto attempt = [&](const Eigen::VectorXd& from) {
-    if (!search.evaluate(from, true)) return;
-    search.pull = 1;
-    Eigen::VectorXd q = search.minimise(awake(from));
-    search.pull = 0;
-    q = search.minimise(q);
-    const bool settled = search.settled;
-    if (!search.evaluate(q, true) || !(search.distance() < best.distance)) return;
-    const bool folded = smallest_jacobian(mesh, equilibrium_.u()) <= 0;
-    if (folded && best.q.size() > 0) return;
-    best = {q, equilibrium_.u(), equilibrium_.p(), search.distance(), settled, search.reached()};
-  };
 
-  attempt(start);
+  search.attempt(start, best);
   const Eigen::VectorXd first = best.q.size() > 0 ? best.q : start;
   const Eigen::VectorXd half = Eigen::VectorXd::Constant(range_.size(), 0.5);
   const Eigen::VectorXd others[] = {search.nominal(), Eigen::VectorXd::Ones(range_.size()) - first, half};
   for (int k = 0; k < std::min(3, options_.restarts) && !best.reached; ++k) {
     equilibrium_.start_at(u, p);
     search.forget();
-    attempt(others[k]);
+    search.attempt(others[k], best);
   }
   if (best.q.size() == 0)
     return finish(IkStatus::failed,
@@ -395,19 +411,11 @@ IkResult SoftIk::solve(const Eigen::VectorXd& targets, std::optional<double> sti
   result.achieved = values();
   result.error = (result.achieved - targets).norm();
   if (options_.stiffness_direction.size() > 0) result.stiffness = this->stiffness();
-  std::string at_bounds;
-  for (size_t j = 0; j < controls_.size(); ++j) {
-    const double q = best.q[static_cast<Eigen::Index>(j)];
-    result.bound.push_back(q <= 1e-9 ? -1 : q >= 1 - 1e-9 ? 1 : 0);
-    if (result.bound.back() != 0)
-      at_bounds +=
-          fmt::format("{}'{}' at its {} bound", at_bounds.empty() ? ", with " : ", ",
-                      scene_->model->parameters()[indices_[j]].id, result.bound.back() < 0 ? "lower" : "upper");
-  }
-  const std::string where =
-      fmt::format("{:.4g} mm from the target{}{}{}", 1e3 * result.error,
-                  stiffness ? fmt::format(", {:.4g} N/m instead of {:.4g} N/m", result.stiffness, *stiffness) : "",
-                  at_bounds, smallest_jacobian(mesh, best.u) > 0 ? "" : ", with folded elements");
+  for (const double q : best.q) result.bound.push_back(q <= 1e-9 ? -1 : q >= 1 - 1e-9 ? 1 : 0);
+  const std::string where = fmt::format(
+      "{:.4g} mm from the target{}{}{}", 1e3 * result.error,
+      stiffness ? fmt::format(", {:.4g} N/m instead of {:.4g} N/m", result.stiffness, *stiffness) : "",
+      bounds_text(result), smallest_jacobian(scene_->model->mesh(), best.u) > 0 ? "" : ", with folded elements");
   if (best.reached) return finish(IkStatus::reached, fmt::format("reached: {}", where));
   if (!best.settled)
     return finish(IkStatus::failed,

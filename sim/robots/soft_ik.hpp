@@ -97,6 +97,7 @@ class SoftIk {
   Eigen::VectorXd values() const;
   Eigen::MatrixXd derivatives() const;
   double stiffness() const;
+  std::string bounds_text(const IkResult& result) const;
   Eigen::VectorXd from_range(const Eigen::VectorXd& q) const;
   Eigen::VectorXd to_range(const Eigen::VectorXd& c) const;
 

@@ -243,8 +243,8 @@ void SceneBuilder::add_cable(const Cable& cable) {
   terms_.push_back(make_cable(mesh_, cable));
 }
 
-Joint SceneBuilder::add_joint(const JointSettings& settings) {
-  const std::string where = fmt::format("joint '{}'", settings.name);
+Joint SceneBuilder::add_joint(const JointSettings& settings, int angle) {
+  const std::string where = fmt::format("joint '{}'", settings.id);
   const auto part_called = [&](const std::string& name) {
     return name.empty() && mesh_.parts.empty() ? Part{"", 0, mesh_.node_count(), 0, mesh_.element_count()}
                                                : mesh_.part(name);
@@ -267,7 +267,7 @@ Joint SceneBuilder::add_joint(const JointSettings& settings) {
   if (mesh_.dimension() == 3 && settings.axis_end.size() != 3)
     throw InputError(fmt::format("{} has no axis; give it a second point of the axis", where));
   Joint joint;
-  joint.name = settings.name;
+  joint.name = settings.id;
   joint.pivot_a = attach(settings.part_a, settings.pivot);
   joint.pivot_b = attach(settings.part_b, settings.pivot);
   joint.axis_a = attach(settings.part_a, settings.axis_end);
@@ -286,11 +286,10 @@ Joint SceneBuilder::add_joint(const JointSettings& settings) {
         (thickness_ >= 0 ? values_[static_cast<size_t>(thickness_)] : (settings.axis_end - settings.pivot).norm());
   }
   joint.pin_stiffness = joint.motor_stiffness = declare(
-      {"k_" + settings.name, "k", "N/m", 1e-9, 1e15, "spring stiffness of joint " + settings.name, true}, stiffness);
+      {"k_" + settings.id, "k", "N/m", 1e-9, 1e15, "spring stiffness of joint " + settings.id, true}, stiffness);
   if (settings.motor.size() > 0) {
-    joint.angle = settings.angle >= 0
-                      ? settings.angle
-                      : declare({settings.name, "theta", "rad", -1e4, 1e4, "angle of joint " + settings.name}, 0.0);
+    joint.angle =
+        angle >= 0 ? angle : declare({settings.id, "theta", "rad", -1e4, 1e4, "angle of joint " + settings.id}, 0.0);
   }
   terms_.push_back(make_joint(mesh_, joint));
   joints_.push_back(joint);

@@ -8,6 +8,7 @@
 #include "sim/contact/contact_3d.hpp"
 #include "sim/mesh/mesh.hpp"
 #include "sim/model/model.hpp"
+#include "sim/scene/setup.hpp"
 #include "sim/terms/cable.hpp"
 #include "sim/terms/inertia.hpp"
 #include "sim/terms/joint.hpp"
@@ -19,20 +20,6 @@ namespace taut {
 struct Scene {
   std::unique_ptr<Model> model;
   Params values;
-};
-
-/// A revolute joint by name, for SceneBuilder::add_joint(). Points are in the rest configuration [m] and on both
-/// bodies.
-struct JointSettings {
-  std::string name;          ///< of the angle and, as "k_<name>", of the stiffness in the parameter table
-  std::string part_a;        ///< "world": fixed in space
-  std::string part_b;        ///< "" in a mesh that is one piece
-  Eigen::VectorXd pivot;     ///< [m]
-  Eigen::VectorXd axis_end;  ///< 3D: a second point of the axis [m]
-  Eigen::VectorXd motor;     ///< a point that turns with the motor [m]; empty: a free pin
-  double radius = 0;         ///< of the patches by which the bodies are held [m], see make_attachment()
-  int angle = -1;            ///< table index of the angle; -1: declared as "<name>" [rad], zero
-  double stiffness = 0;      ///< of each spring [N/m]; 0: from the bodies
 };
 
 /// Puts a model together by name: regions to materials, tags to supports and loads. Every number becomes a declared
@@ -91,11 +78,12 @@ class SceneBuilder {
   void add_term(std::unique_ptr<Term> term) { terms_.push_back(std::move(term)); }
   /// A cable by the table indices in it.
   void add_cable(const Cable& cable);
-  /// A joint between two parts, or of one with the world, after their materials. Declares "k_<name>" [N/m] and, with a
-  /// motor and without an index for it, the angle. The stiffness that is taken from the bodies is ten times the larger
-  /// modulus times the thickness (3D: the length of the axis): a load that strains a tenth of a body's section by 1e-1
-  /// opens a gap of 1e-3 of the section. Throws InputError, naming the joint, for points that are not on both bodies.
-  Joint add_joint(const JointSettings& settings);
+  /// A joint between two parts, or of one with the world, after their materials. Declares "k_<id>" [N/m] and, with a
+  /// motor and without the table index of its `angle` [rad], that as "<id>". The stiffness that is taken from the
+  /// bodies is ten times the larger modulus times the thickness (3D: the length of the axis): a load that strains a
+  /// tenth of a body's section by 1e-1 opens a gap of 1e-3 of the section. Throws InputError, naming the joint, for
+  /// points that are not on both bodies.
+  Joint add_joint(const JointSettings& settings, int angle = -1);
   /// Contact of the whole boundary with itself, and with obstacles and grounds (2D): the barrier sets in at `gap` [m]
   /// and is as stiff as `pressures` say, region by region: the pressure [Pa] at which two faces rest half a gap apart,
   /// and the smaller one of two different sides. Declares "contact_gap" and "contact_pressure_<region>". Throws

@@ -3,20 +3,40 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 #include "sim/contact/contact.hpp"
 #include "sim/core/units.hpp"
 #include "sim/shapes/geometry.hpp"
-#include "sim/solve/time_stepper.hpp"
 #include "sim/terms/inertia.hpp"
 
 namespace taut {
+
+/// One body: its geometry about its own origin, and where it is put. Its tags are "NAME.TAG", or "TAG" in a setup of
+/// one body without a name.
+struct BodySettings {
+  std::string name;
+  GeometrySettings geometry;
+  MeshSettings mesh;
+  std::vector<double> at;        ///< [m]; empty: where its geometry is
+  double angle = 0;              ///< about z, counter-clockwise, before it is put there [rad]
+  std::vector<double> velocity;  ///< at the start [m/s]; empty: none
+  std::vector<std::pair<std::string, std::vector<int>>> fixed;  ///< tags of the body and their clamped components
+};
 
 struct MaterialSettings {
   std::string region, law;
   std::map<std::string, double> constants;  ///< SI
   std::optional<double> density;
+};
+
+/// What is set from outside: a load, a retraction, a prescribed displacement, the angle of a motor. It becomes a
+/// parameter with this id.
+struct ControlSettings {
+  std::string id;
+  Quantity quantity = Quantity::length;
 };
 
 struct SupportSettings {
@@ -28,31 +48,38 @@ struct SupportSettings {
   std::optional<double> rotation_stiffness;  ///< an elastic clamp instead [N m/rad]
 };
 
-/// One cable of [cables].
-struct CableSettings {
-  std::string id;
-  std::vector<std::vector<double>> points;     ///< rest positions along it [m]
-  bool start_fixed = true, end_fixed = false;  ///< ends that are fixed in space, not in the material
-  std::string control;                         ///< id of the control that retracts it; "": none
-};
-
-/// What all cables have in common, and each of them.
-struct CablesSettings {
+/// What a cable resists with.
+struct CableLaw {
   std::optional<double> k, EA;         ///< [N/m] of the whole cable, or [N]
   double slack = 0, smoothing = 2e-6;  ///< [m]
+};
+
+struct CableSettings {
+  std::string id, body;                        ///< the body whose material it passes, "" in a setup of one
+  std::string path;                            ///< one of those that the body's geometry brings along, or
+  std::vector<std::vector<double>> points;     ///< rest positions along it, in the body's own frame [m]
+  bool start_fixed = true, end_fixed = false;  ///< ends that are fixed in space, not in the material
+  std::string control;                         ///< id of the control that retracts it; "": none
+  std::optional<CableLaw> own;                 ///< with parameters "k_<id>" and "slack_<id>"; none: the shared law
+};
+
+/// All cables, and the law of those that have none of their own: its parameters are "k_cable" and "slack".
+struct CablesSettings : CableLaw {
   std::vector<CableSettings> cables;
   std::map<std::string, std::string> columns;  ///< control id to bench column of the retractions
 };
 
-/// [contact]: on for push_puppet, elsewhere when the table is there.
-struct SurfaceSettings {
-  bool on = false;
-  bool idle = false;  ///< nothing touches: the mesh is made for contact, but none is looked for
-  ContactForm form = ContactForm::length_weighted;
-  std::optional<double> stiffness;  ///< pair sums only [N/m]
-  bool compensate = true;           ///< take the distance at which closed lips rest off their faces (push_puppet)
-  std::vector<std::vector<Eigen::Vector2d>> obstacles;
-  std::vector<GroundLine> grounds;
+/// A revolute joint between two bodies. Points are in the rest configuration [m] and on both bodies.
+struct JointSettings {
+  std::string id;            ///< of the angle and, as "k_<id>", of the stiffness in the parameter table
+  std::string part_a;        ///< body; "world": fixed in space
+  std::string part_b;        ///< body; "" in a mesh that is one piece
+  Eigen::VectorXd pivot;     ///< [m]
+  Eigen::VectorXd axis_end;  ///< 3D: a second point of the axis [m]
+  Eigen::VectorXd motor;     ///< a point that turns with the motor [m]; empty: a free pin
+  double radius = 0;         ///< of the patches by which the bodies are held [m], see make_attachment()
+  double stiffness = 0;      ///< of each spring [N/m]; 0: from the bodies
+  std::string control;       ///< id of the control that is the angle; "": none
 };
 
 struct LoadSettings {
@@ -60,26 +87,82 @@ struct LoadSettings {
   std::string on;             ///< tag, or
   std::vector<double> point;  ///< rest position [m]
   std::vector<double> direction;
-  std::string column;                   ///< bench column that holds its value, or
+  Quantity quantity = Quantity::force;  ///< force, mass (weight, and inertia over time), pressure (traction), line_load
+  std::string control;                  ///< id of the control that is its value, or
   double value = 0;                     ///< a constant one, SI
-  Quantity quantity = Quantity::force;  ///< force, mass, pressure (traction) or line_load
+  std::string column;                   ///< bench column of the control
 };
 
+/// A fixed straight line (2D) or plane with its admissible side: x is admissible when (x - point) . normal > 0.
+struct GroundSettings {
+  Eigen::VectorXd point;   ///< [m]
+  Eigen::VectorXd normal;  ///< unit length
+};
+
+/// [contact]: on for push_puppet, elsewhere when the table is there.
+struct SurfaceSettings {
+  bool on = false;
+  bool idle = false;  ///< nothing touches: the mesh is made for contact, but none is looked for
+  ContactForm form = ContactForm::length_weighted;
+  double gap = 0;                          ///< distance at which it sets in [m]; 0: that of the mesh's settings
+  std::map<std::string, double> pressure;  ///< region to barrier stiffness [Pa]; missing: from materials and loads
+  std::optional<double> stiffness;         ///< pair sums only [N/m]
+  bool compensate = true;  ///< take the distance at which closed lips rest off their faces (push_puppet)
+  std::vector<std::vector<Eigen::Vector2d>> obstacles;
+  std::vector<GroundSettings> grounds;
+};
+
+/// What is measured at a bench, or recorded at every step of a simulation.
 struct ChannelSettings {
+  enum class Kind {
+    displacement,  ///< of a tag's mean, a body's centre of mass, a material point or a marker, along `direction` [m]
+    position,      ///< the same, from the origin [m]
+    rotation,      ///< of a tag's facets about z (2D) or `direction` (3D), from rest [rad]
+    tension,       ///< of a cable [N]
+    length,        ///< of a cable, from its first point to its last [m]
+    joint_gap,     ///< [m]
+    joint_angle,   ///< [rad]
+    joint_torque,  ///< [Nm]
+    reaction,      ///< the force that what supports a tag exerts on it along `direction` [N]; at rest only
+    net_force      ///< on a body by all others but gravity, along `direction` [N]: mass times acceleration less weight
+  };
   std::string id;
-  std::string on;                ///< mean over a tag, or
+  Kind kind = Kind::displacement;
+  std::string on;                ///< tag, body, cable or joint, or
   std::vector<double> point;     ///< a material point [m]
   std::vector<double> standoff;  ///< marker off the surface [m], empty: none
   std::string turns_with;        ///< tag that the stand-off turns with
   std::vector<double> direction;
+
+  bool of_place() const { return kind == Kind::displacement || kind == Kind::position; }
+  bool of_cable() const { return kind == Kind::tension || kind == Kind::length; }
+  bool of_joint() const { return kind == Kind::joint_gap || kind == Kind::joint_angle || kind == Kind::joint_torque; }
 };
 
-/// [dynamics] and [damping.REGION].
-struct DynamicsSettings {
-  Integrator integrator = Integrator::bdf2;
-  double step = 0;  ///< [s]
-  MassForm mass = MassForm::consistent;
-  std::map<std::string, double> mass_damping, stiffness_damping;  ///< region to alpha [1/s], beta [s]
+/// As files have it.
+std::string_view name_of(ChannelSettings::Kind kind);
+/// The SI unit of what a channel reads.
+std::string_view unit_of(ChannelSettings::Kind kind);
+
+/// Everything physical that a file describes, as plain data in SI units: what build_scene() makes a model of.
+struct Setup {
+  std::string path;  ///< of the file, for messages
+  int dimension = 2;
+  double thickness = 1;  ///< 2D [m]
+  Plane plane = Plane::strain;
+  std::vector<BodySettings> bodies;
+  std::vector<MaterialSettings> materials;
+  MassForm mass = MassForm::consistent;                           ///< over time
+  std::map<std::string, double> mass_damping, stiffness_damping;  ///< region to alpha [1/s], beta [s]; over time
+  double gravity = 9.81;
+  std::vector<double> gravity_direction;  ///< empty: no self-weight
+  std::vector<ControlSettings> controls;
+  std::vector<SupportSettings> supports;
+  std::vector<LoadSettings> loads;
+  CablesSettings cables;
+  std::vector<JointSettings> joints;
+  SurfaceSettings contact;
+  std::vector<ChannelSettings> channels;
 };
 
 }  // namespace taut

@@ -58,7 +58,29 @@ std::pair<Eigen::Vector2d, Frame> ends(const Finger& finger, const std::vector<F
 
 }  // namespace
 
-void check(const Finger& f) {
+std::vector<ShapeKey> Finger::keys() {
+  const Allowed any = Allowed::any(), positive = Allowed::positive();
+  return {
+      {"segments", &segments, Allowed::at_least(2), "plastic segments", Quantity::pure},
+      {"segment_length", &segment_length, positive, "of each, along its lower side"},
+      {"height", &height, positive, "of the segments"},
+      {"hinge", &hinge, positive, "width of the foam at the lower side"},
+      {"foam_height", &foam_height, positive, "of the foam's triangles"},
+      {"lip_height", &lip_height, positive, "lips reach from here to the upper side"},
+      {"cable_depth", &cable_depth, positive, "of the cable below the upper side"},
+      {"via_inset", &via_inset, positive, "of the cable's points behind the lips' faces"},
+      {"opening", &opening, positive, "angle of the foam's triangles", Quantity::angle},
+      {"closing", &closing, positive, "angle between two lips at rest", Quantity::angle},
+      {"rest_turn", &rest_turn, any, "each segment is turned downwards by this at rest", Quantity::angle},
+  };
+}
+
+std::vector<MeshKey> Finger::mesh_keys() const {
+  return {{MeshKey::size, "size", "of the elements, about"}};
+}
+
+void Finger::check() const {
+  const Finger& f = *this;
   const auto fail = [](const std::string& what) { throw InputError("finger: " + what); };
   if (f.segments < 2) fail("it needs at least two segments");
   for (double length : {f.segment_length, f.height, f.hinge, f.foam_height, f.lip_height, f.cable_depth, f.via_inset}) {
@@ -80,7 +102,7 @@ void check(const Finger& f) {
 }
 
 Mesh mesh_finger(const Finger& finger, double size, int order, double inset) {
-  check(finger);
+  finger.check();
   const std::vector<Frame> joints = joints_of(finger);
   const auto [top_left, tip] = ends(finger, joints);
   std::vector<PolygonRegion> regions;
@@ -114,6 +136,17 @@ std::vector<Eigen::Vector2d> cable_path(const Finger& finger) {
   }
   points.push_back(tip(0, y));
   return points;
+}
+
+Mesh Finger::mesh(const MeshSettings& settings, bool contact, bool compensate) const {
+  const bool shortened = contact && compensate;
+  return mesh_finger(*this, settings.size, settings.order,
+                     shortened ? 0.5 * resting_distance * contact_gap(settings, 0.1) : 0.0);
+}
+
+std::vector<Eigen::VectorXd> Finger::cable(size_t) const {
+  const std::vector<Eigen::Vector2d> path = cable_path(*this);
+  return {path.begin(), path.end()};
 }
 
 }  // namespace taut

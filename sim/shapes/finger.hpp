@@ -2,7 +2,7 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "sim/mesh/mesh.hpp"
+#include "sim/shapes/shape.hpp"
 
 namespace taut {
 
@@ -11,7 +11,7 @@ namespace taut {
 /// upwards by `closing` at each joint as it stiffens. With `rest_turn` = 0 it is straight at rest and bends; with
 /// `rest_turn` = `closing` it is curled downwards at rest and straightens. Figs. 12 and 13 of the push-puppet paper.
 /// Lengths in metres, angles in radians.
-struct Finger {
+struct Finger final : Shape {
   int segments = 6;
   double segment_length = 10e-3;  ///< along the lower side
   double height = 16e-3;
@@ -23,10 +23,17 @@ struct Finger {
   double rest_turn = 0;         ///< each segment is turned downwards by this against the one before
   double cable_depth = 1.5e-3;  ///< the cable runs that far below the upper side
   double via_inset = 0.5e-3;    ///< via points lie that far inside every lip's face
-};
 
-/// Throws InputError with the numbers that clash.
-void check(const Finger& finger);
+  std::unique_ptr<Shape> clone() const override { return std::make_unique<Finger>(*this); }
+  std::string kind() const override { return "finger"; }
+  int dimension() const override { return 2; }
+  std::vector<ShapeKey> keys() override;
+  void check() const override;
+  std::vector<MeshKey> mesh_keys() const override;
+  Mesh mesh(const MeshSettings& settings, bool contact, bool compensate) const override;
+  std::vector<std::string> cable_names() const override { return {"cable"}; }
+  std::vector<Eigen::VectorXd> cable(size_t index) const override;
+};
 
 /// Regions "foam" and "plastic"; tags "base" (left face of the first segment) and "tip" (right face of the last one).
 /// The first segment's lower left corner is the origin. `inset` [m] is taken off every lip's face, see

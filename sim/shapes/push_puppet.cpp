@@ -7,7 +7,6 @@
 #include <utility>
 
 #include "sim/core/error.hpp"
-#include "sim/mesh/topology.hpp"
 
 namespace taut {
 namespace {
@@ -17,64 +16,13 @@ namespace {
   throw InputError("push-puppet module: " + what);
 }
 
-std::string mm(double length) {
-  return fmt::format("{:.6g} mm", 1e3 * length);
-}
-
-/// What follows from a module's numbers; heights are those of the upper side. [m]
-struct Layout {
-  explicit Layout(const PushPuppet& m)
-      : gap(m.gap_total / m.cells),
-        lip_length(0.5 * (m.cell_length - gap)),
-        lip_low(0.5 * m.core_height + m.clearance),
-        lip_high(lip_low + m.lip_thickness),
-        thin_low(lip_low + m.lip_relief),
-        thin_high(lip_high - m.lip_relief),
-        middle(lip_low + 0.5 * m.lip_thickness),
-        groove_depth(m.stud_length > 0.0 ? m.stud_length + m.stud_play : 0.0),
-        pitch(m.cell_length + m.web_thickness) {}
-
-  double gap;           ///< between the two lips of a cell at rest
-  double lip_length;    ///< from the web to the end face
-  double lip_low;       ///< of right lips
-  double lip_high;      ///< of right lips, webs and plates
-  double thin_low;      ///< of left lips
-  double thin_high;     ///< of left lips
-  double middle;        ///< of lips, tongues and grooves
-  double groove_depth;  ///< 0 without studs
-  double pitch;         ///< from one cell to the next
-};
-
-void check_lengths(const PushPuppet& m) {
-  if (m.cells < 1) fail(fmt::format("cells is {}; at least 1 is needed", m.cells));
-  const std::pair<const char*, double> positive[] = {{"cell_length", m.cell_length},
-                                                     {"core_height", m.core_height},
-                                                     {"web_thickness", m.web_thickness},
-                                                     {"clearance", m.clearance},
-                                                     {"plate_thickness", m.plate_thickness},
-                                                     {"lip_thickness", m.lip_thickness},
-                                                     {"gap_total", m.gap_total},
-                                                     {"via_inset", m.via_inset}};
-  for (const auto& [name, length] : positive) {
-    if (!(length > 0.0) || !std::isfinite(length)) {
-      fail(fmt::format("{} is {}; a positive length is needed", name, mm(length)));
-    }
-  }
-  for (const auto& [name, length] : {std::pair{"lip_relief", m.lip_relief}, std::pair{"stud_length", m.stud_length}}) {
-    if (!(length >= 0.0) || !std::isfinite(length)) {
-      fail(fmt::format("{} is {}; a positive length or 0 for none is allowed", name, mm(length)));
-    }
-  }
-  if (!std::isfinite(m.cable_offset)) fail("cable_offset is not a finite length");
-}
-
 void check_studs(const PushPuppet& m) {
-  const Layout at(m);
+  const PushPuppetLayout at(m);
   for (const auto& [name, length] :
        {std::pair{"stud_thickness", m.stud_thickness}, std::pair{"stud_play", m.stud_play}}) {
     if (!(length > 0.0) || !std::isfinite(length)) {
       fail(fmt::format("{} is {}; studs need a positive one (stud_length = \"0 mm\" leaves studs out)", name,
-                       mm(length)));
+                       in_mm(length)));
     }
   }
   const double thin = m.lip_thickness - 2.0 * m.lip_relief;
@@ -82,433 +30,137 @@ void check_studs(const PushPuppet& m) {
     fail(
         fmt::format("a stud of stud_thickness {} does not fit on a left lip of {} (lip_thickness {} - 2 x lip_relief "
                     "{}); make the stud thinner than that",
-                    mm(m.stud_thickness), mm(thin), mm(m.lip_thickness), mm(m.lip_relief)));
+                    in_mm(m.stud_thickness), in_mm(thin), in_mm(m.lip_thickness), in_mm(m.lip_relief)));
   }
   const double groove = m.stud_thickness + 2.0 * m.stud_play;
   if (groove >= m.lip_thickness) {
     fail(
         fmt::format("a groove of {} (stud_thickness {} + 2 x stud_play {}) does not fit in a right lip of "
                     "lip_thickness {}; make stud or play smaller",
-                    mm(groove), mm(m.stud_thickness), mm(m.stud_play), mm(m.lip_thickness)));
+                    in_mm(groove), in_mm(m.stud_thickness), in_mm(m.stud_play), in_mm(m.lip_thickness)));
   }
   if (at.groove_depth + m.via_inset >= at.lip_length) {
-    fail(
-        fmt::format("a groove {} deep (stud_length {} + stud_play {}) and the via point via_inset {} behind it do not "
-                    "fit in lips that are {} long; make the studs shorter or gap_total smaller",
-                    mm(at.groove_depth), mm(m.stud_length), mm(m.stud_play), mm(m.via_inset), mm(at.lip_length)));
+    fail(fmt::format(
+        "a groove {} deep (stud_length {} + stud_play {}) and the via point via_inset {} behind it do not "
+        "fit in lips that are {} long; make the studs shorter or gap_total smaller",
+        in_mm(at.groove_depth), in_mm(m.stud_length), in_mm(m.stud_play), in_mm(m.via_inset), in_mm(at.lip_length)));
   }
-}
-
-/// End points of `cells` equal steps from `first` to `last`, both exact.
-std::vector<double> spread(double first, double last, int cells) {
-  std::vector<double> lines;
-  for (int i = 0; i < cells; ++i) lines.push_back(first + (last - first) * i / cells);
-  lines.push_back(last);
-  return lines;
-}
-
-int cells_along(double length, double size, int at_least = 1) {
-  return std::max(at_least, static_cast<int>(std::lround(length / size)));
-}
-
-/// `cells` elements over segments between `breaks`: each more goes where elements are longest. Along a segment the
-/// first element is longer than the mean by about the fraction `skew` and the last one shorter.
-std::vector<double> spread_over(const std::vector<double>& breaks, int cells, double skew = 0) {
-  const size_t segments = breaks.size() - 1;
-  std::vector<int> counts(segments, 1);
-  for (int left = cells - static_cast<int>(segments); left > 0; --left) {
-    size_t longest = 0;
-    for (size_t s = 1; s < segments; ++s) {
-      // The margin keeps the choice between equal segments from hanging on rounding.
-      const double mine = (breaks[s + 1] - breaks[s]) / counts[s];
-      if (mine > (1.0 + 1e-9) * (breaks[longest + 1] - breaks[longest]) / counts[longest]) longest = s;
-    }
-    ++counts[longest];
-  }
-  std::vector<double> lines{breaks[0]};
-  for (size_t s = 0; s < segments; ++s) {
-    for (int i = 1; i < counts[s]; ++i) {
-      const double t = static_cast<double>(i) / counts[s];
-      lines.push_back(breaks[s] + (breaks[s + 1] - breaks[s]) * t * (1.0 + skew * (1.0 - t)));
-    }
-    lines.push_back(breaks[s + 1]);
-  }
-  return lines;
-}
-
-/// Heights of a face's nodes: with quadratic elements there is one halfway between its lines as well.
-std::vector<double> nodes_of_face(const std::vector<double>& lines, int order) {
-  std::vector<double> nodes{lines[0]};
-  for (size_t i = 1; i < lines.size(); ++i) {
-    if (order == 2) nodes.push_back(0.5 * (lines[i - 1] + lines[i]));
-    nodes.push_back(lines[i]);
-  }
-  return nodes;
-}
-
-/// Smallest distance between a node of one face and a node of the other, in units of the smaller mean spacing.
-double misalignment(const std::vector<double>& a, const std::vector<double>& b) {
-  double nearest = std::abs(a.front() - b.front());
-  for (double y : a) {
-    for (double z : b) nearest = std::min(nearest, std::abs(y - z));
-  }
-  const auto mean = [](const std::vector<double>& y) {
-    return (y.back() - y.front()) / static_cast<double>(y.size() - 1);
-  };
-  return nearest / std::min(mean(a), mean(b));
-}
-
-struct FacingLines {
-  std::vector<double> left, right;  ///< of the end faces of a left and a right lip
-};
-
-/// Lines of two faces that meet, whose nodes keep apart. The right one has twice as many cells and one more, so that
-/// refining one refines the other; where nodes happen to align all the same (the middle ones of two quadratic faces
-/// always do), a few more lines or somewhat uneven ones.
-FacingLines lines_apart(const std::vector<double>& left_breaks, int left_cells, const std::vector<double>& right_breaks,
-                        int order) {
-  constexpr double enough = 0.05;  // of the spacing
-  FacingLines chosen;
-  double best = -1.0;
-  for (const double left_skew : {0.0, -0.1, -0.2}) {
-    const std::vector<double> left = spread_over(left_breaks, left_cells, left_skew);
-    for (int skew = 0; skew <= 6; ++skew) {
-      for (int more = 1; more <= 4; ++more) {
-        std::vector<double> right = spread_over(right_breaks, 2 * left_cells + more, 0.05 * skew);
-        const double apart = misalignment(nodes_of_face(left, order), nodes_of_face(right, order));
-        if (apart > best) {
-          best = apart;
-          chosen = {left, std::move(right)};
-        }
-        if (best > enough) return chosen;
-      }
-    }
-  }
-  return chosen;
-}
-
-/// Heights of the nodes of the upper side: webs carry all of them, foam and lips a part each.
-struct Lines {
-  Lines(const PushPuppet& m, const PushPuppetMesh& mesh, double inset) {
-    const Layout at(m);
-    std::vector<double> thin_breaks{at.thin_low, at.thin_high};
-    std::vector<double> thick_breaks{at.lip_low, at.lip_high};
-    if (m.stud_length > 0.0) {
-      const double tongue = 0.5 * m.stud_thickness - inset;
-      const double groove = 0.5 * m.stud_thickness + m.stud_play + inset;
-      thin_breaks.insert(thin_breaks.begin() + 1, {at.middle - tongue, at.middle + tongue});
-      thick_breaks.insert(thick_breaks.begin() + 1, {at.middle - groove, at.middle + groove});
-    }
-    thin_cells = cells_along(at.thin_high - at.thin_low, mesh.size,
-                             std::max(mesh.lip_cells, static_cast<int>(thin_breaks.size()) - 1));
-    // Without relief both lips of a web have the same lines.
-    FacingLines ends = m.lip_relief > 0.0
-                           ? lines_apart(thin_breaks, thin_cells, thick_breaks, mesh.order)
-                           : FacingLines{spread_over(thin_breaks, thin_cells), spread_over(thick_breaks, thin_cells)};
-    thin_end = std::move(ends.left);
-    thick_end = std::move(ends.right);
-    const int relief_cells = static_cast<int>(thick_end.size()) - 1 - thin_cells;  // of both strips
-    low_relief_cells = relief_cells / 2;
-
-    web = spread(0.0, 0.5 * m.core_height, cells_along(0.5 * m.core_height, mesh.size));
-    foam_cells = static_cast<int>(web.size()) - 1;
-    append(at.lip_low, cells_along(m.clearance, mesh.size));
-    lip_start = static_cast<int>(web.size()) - 1;
-    if (relief_cells > 0) append(at.thin_low, low_relief_cells);
-    append(at.thin_high, thin_cells);
-    if (relief_cells > 0) append(at.lip_high, relief_cells - low_relief_cells);
-  }
-
-  void append(double to, int cells) {
-    const std::vector<double> part = spread(web.back(), to, cells);
-    web.insert(web.end(), part.begin() + 1, part.end());
-  }
-
-  std::vector<double> web;        ///< from the axis up
-  std::vector<double> thin_end;   ///< end face of left lips
-  std::vector<double> thick_end;  ///< end face of right lips (with a groove: where it begins)
-  int foam_cells;
-  int lip_start;  ///< index in `web` of the lower side of right lips
-  int low_relief_cells;
-  int thin_cells;
-};
-
-/// Puts the upper half together from blocks of columns and reflects it: the mesh is symmetric to the last digit.
-class Builder {
- public:
-  using Column = std::vector<int>;  ///< nodes, upwards
-
-  Column column(double x, const std::vector<double>& heights) {
-    Column nodes;
-    for (double y : heights) {
-      nodes.push_back(static_cast<int>(nodes_.size()));
-      nodes_.emplace_back(x, y);
-    }
-    return nodes;
-  }
-
-  /// `count` more columns from `start` on to `end_x`, `end_heights`; lines move linearly. The last one is returned.
-  Column extrude(Column start, double end_x, const std::vector<double>& end_heights, int count, int region) {
-    const std::vector<double> xs = spread(nodes_[start[0]].x(), end_x, count);
-    std::vector<double> start_heights;
-    for (int node : start) start_heights.push_back(nodes_[node].y());
-    std::vector<Column> columns{std::move(start)};
-    for (int i = 1; i <= count; ++i) {
-      std::vector<double> heights;
-      for (size_t j = 0; j < end_heights.size(); ++j) {
-        heights.push_back(i == count ? end_heights[j]
-                                     : start_heights[j] + (end_heights[j] - start_heights[j]) * i / count);
-      }
-      columns.push_back(column(xs[i], heights));
-    }
-    fill(columns, region);
-    return columns.back();
-  }
-
-  /// Quadrangles between neighbouring columns, each cut in two; diagonals alternate.
-  void fill(const std::vector<Column>& columns, int region) {
-    for (size_t i = 0; i + 1 < columns.size(); ++i) {
-      // Lips may also be built from right to left.
-      const bool rightwards = nodes_[columns[i][0]].x() < nodes_[columns[i + 1][0]].x();
-      const Column& left = rightwards ? columns[i] : columns[i + 1];
-      const Column& right = rightwards ? columns[i + 1] : columns[i];
-      for (size_t j = 0; j + 1 < left.size(); ++j) {
-        const int a = left[j];
-        const int b = right[j];
-        const int c = right[j + 1];
-        const int d = left[j + 1];
-        if ((i + j) % 2 == 0) {
-          elements_.insert(elements_.end(), {a, b, c, a, c, d});
-        } else {
-          elements_.insert(elements_.end(), {a, b, d, b, c, d});
-        }
-        region_.insert(region_.end(), 2, region);
-      }
-    }
-  }
-
-  Mesh reflected() {
-    std::vector<int> image;
-    const size_t upper_nodes = nodes_.size();
-    for (size_t i = 0; i < upper_nodes; ++i) {
-      const Eigen::Vector2d p = nodes_[i];
-      image.push_back(p.y() == 0.0 ? static_cast<int>(i) : static_cast<int>(nodes_.size()));
-      if (p.y() != 0.0) nodes_.emplace_back(p.x(), -p.y());
-    }
-    const size_t upper_elements = elements_.size();
-    for (size_t k = 0; k < upper_elements; k += 3) {
-      const int a = image[elements_[k]];
-      const int b = image[elements_[k + 1]];
-      const int c = image[elements_[k + 2]];
-      elements_.insert(elements_.end(), {a, c, b});
-    }
-    region_.insert(region_.end(), region_.begin(), region_.begin() + static_cast<long>(upper_elements / 3));
-    Mesh mesh;
-    mesh.shape = ElementShape::tri3;
-    mesh.X.resize(2 * static_cast<Eigen::Index>(nodes_.size()));
-    for (size_t i = 0; i < nodes_.size(); ++i) mesh.X.segment<2>(2 * static_cast<Eigen::Index>(i)) = nodes_[i];
-    mesh.elements = std::move(elements_);
-    mesh.region = std::move(region_);
-    return mesh;
-  }
-
- private:
-  std::vector<Eigen::Vector2d> nodes_;
-  std::vector<int> elements_;
-  std::vector<int> region_;
-};
-
-constexpr int foam = 0;
-constexpr int plastic = 1;
-
-/// `count` entries of `column` from the `first` on.
-Builder::Column slice(const Builder::Column& column, int first, int count) {
-  return {column.begin() + first, column.begin() + first + count};
-}
-
-void add_foam(Builder& builder, const Builder::Column& left, const Builder::Column& right,
-              const std::vector<double>& xs, const std::vector<double>& heights) {
-  std::vector<Builder::Column> columns{left};
-  for (size_t i = 1; i + 1 < xs.size(); ++i) columns.push_back(builder.column(xs[i], heights));
-  columns.push_back(right);
-  builder.fill(columns, foam);
-}
-
-/// A lip from the nodes of its web to its end face; `towards` is the sign of x in which it reaches.
-class LipBuilder {
- public:
-  LipBuilder(Builder& builder, const PushPuppet& module, const PushPuppetMesh& mesh, double inset, const Lines& lines)
-      : builder_(builder), module_(module), mesh_(mesh), inset_(inset), lines_(lines), at_(module) {}
-
-  void left(const Builder::Column& web, double web_x) {
-    const double face = web_x + at_.lip_length - inset_;
-    const int first = lines_.lip_start + lines_.low_relief_cells;
-    const Builder::Column end = builder_.extrude(slice(web, first, lines_.thin_cells + 1), face, lines_.thin_end,
-                                                 cells_along(face - web_x, mesh_.size), plastic);
-    if (at_.groove_depth == 0.0) return;
-    const double tongue = 0.5 * module_.stud_thickness - inset_;
-    carry_on(end, lines_.thin_end, at_.middle - tongue, at_.middle + tongue, face + module_.stud_length);
-  }
-
-  void right(const Builder::Column& web, double web_x) {
-    const double face = web_x - at_.lip_length + inset_;
-    const double body = face + at_.groove_depth;  // the groove's bottom
-    const int count = static_cast<int>(lines_.thick_end.size());
-    const Builder::Column end = builder_.extrude(slice(web, lines_.lip_start, count), body, lines_.thick_end,
-                                                 cells_along(web_x - body, mesh_.size), plastic);
-    if (at_.groove_depth == 0.0) return;
-    const double groove = 0.5 * module_.stud_thickness + module_.stud_play + inset_;
-    carry_on(end, lines_.thick_end, at_.lip_low, at_.middle - groove, face);
-    carry_on(end, lines_.thick_end, at_.middle + groove, at_.lip_high, face);
-  }
-
- private:
-  /// The part of `from` between two of its heights goes straight on to `to_x`.
-  void carry_on(const Builder::Column& from, const std::vector<double>& heights, double low, double high, double to_x) {
-    const auto nearest = [&](double y) {
-      const auto nearer = [y](double a, double b) { return std::abs(a - y) < std::abs(b - y); };
-      return static_cast<int>(std::min_element(heights.begin(), heights.end(), nearer) - heights.begin());
-    };
-    const int first = nearest(low);
-    const int last = nearest(high);
-    const double length = at_.groove_depth;
-    builder_.extrude(slice(from, first, last - first + 1), to_x, {heights.begin() + first, heights.begin() + last + 1},
-                     cells_along(length, mesh_.size, 2), plastic);
-  }
-
-  Builder& builder_;
-  const PushPuppet& module_;
-  const PushPuppetMesh& mesh_;
-  double inset_;
-  const Lines& lines_;
-  Layout at_;
-};
-
-void check_mesh(const PushPuppet& m, const PushPuppetMesh& mesh, double inset) {
-  if (!(mesh.size > 0.0) || !std::isfinite(mesh.size)) {
-    fail(fmt::format("element size {}; a positive length is needed", mm(mesh.size)));
-  }
-  if (mesh.lip_cells < 1) fail(fmt::format("{} elements through a lip; at least 1 is needed", mesh.lip_cells));
-  if (mesh.order != 1 && mesh.order != 2) fail(fmt::format("element order {}; 1 and 2 are allowed", mesh.order));
-  if (!(inset >= 0.0) || inset >= m.via_inset) {
-    fail(
-        fmt::format("the lips' ends are to be {} shorter, past the via points via_inset {} inside them; allowed are 0 "
-                    "up to less than via_inset",
-                    mm(inset), mm(m.via_inset)));
-  }
-  if (m.stud_length <= 0.0) return;
-  const double groove = m.stud_thickness + 2.0 * (m.stud_play + inset);
-  if (2.0 * inset >= m.stud_thickness || groove >= m.lip_thickness) {
-    fail(
-        fmt::format("{} taken off every face leaves nothing of a stud of {} or beside a groove of {} in a lip of {}; "
-                    "take less off",
-                    mm(inset), mm(m.stud_thickness), mm(groove), mm(m.lip_thickness)));
-  }
-}
-
-/// Facets whose nodes all have the abscissa `x`.
-Tag facets_at(const Mesh& mesh, const Tag& facets, double x) {
-  Tag tag{facets.dimension, facets.nodes_per_entity, {}};
-  for (int f = 0; f < facets.count(); ++f) {
-    const auto first = facets.entities.begin() + f * facets.nodes_per_entity;
-    const auto last = first + facets.nodes_per_entity;
-    // Exact: a face is one column of nodes, all of which got the same number.
-    if (std::all_of(first, last, [&](int node) { return mesh.X[2 * node] == x; })) {
-      tag.entities.insert(tag.entities.end(), first, last);
-    }
-  }
-  return tag;
 }
 
 }  // namespace
 
-void check(const PushPuppet& m) {
-  check_lengths(m);
-  const Layout at(m);
+PushPuppetLayout::PushPuppetLayout(const PushPuppet& m)
+    : gap(m.gap_total / m.cells),
+      lip_length(0.5 * (m.cell_length - gap)),
+      lip_low(0.5 * m.core_height + m.clearance),
+      lip_high(lip_low + m.lip_thickness),
+      thin_low(lip_low + m.lip_relief),
+      thin_high(lip_high - m.lip_relief),
+      middle(lip_low + 0.5 * m.lip_thickness),
+      groove_depth(m.stud_length > 0.0 ? m.stud_length + m.stud_play : 0.0),
+      pitch(m.cell_length + m.web_thickness),
+      tip(m.cells * pitch - m.web_thickness + m.plate_thickness) {}
+
+std::vector<ShapeKey> PushPuppet::keys() {
+  const Allowed positive = Allowed::positive(), any = Allowed::any();
+  return {
+      {"cells", &cells, Allowed::at_least(1), "foam cells, a web between two, a plate at either end", Quantity::pure},
+      {"cell_length", &cell_length, positive, "foam between two webs"},
+      {"core_height", &core_height, positive, "of the foam"},
+      {"web_thickness", &web_thickness, positive, "of the webs"},
+      {"plate_thickness", &plate_thickness, positive, "of base and tip plate"},
+      {"clearance", &clearance, positive, "between foam and lips"},
+      {"lip_thickness", &lip_thickness, positive, "of the right lip of each gap"},
+      {"lip_relief", &lip_relief, Allowed::zero_or_more(), "the left lip is that much thinner on both long sides"},
+      {"gap_total", &gap_total, positive, "all gaps of one side together: what retraction closes"},
+      {"cable_offset", &cable_offset, any, "the cables' distance from the axis"},
+      {"via_inset", &via_inset, positive, "via points lie that far inside every lip's end"},
+      {"stud_length", &stud_length, Allowed::zero_or_more(), "tongue on the left lip's end, groove in the right one"},
+      {"stud_thickness", &stud_thickness, any, "of the tongue"},
+      {"stud_play", &stud_play, any, "between the tongue and each side of its groove"},
+      {"base_bracket", &base_bracket, any, "how far a bracket for a joint reaches out of the base plate"},
+      {"tip_bracket", &tip_bracket, any, "the same at the tip plate"},
+      {"bracket_height", &bracket_height, any, "of the brackets, across the axis, up to the next line of the mesh"},
+  };
+}
+
+std::vector<MeshKey> PushPuppet::mesh_keys() const {
+  return {{MeshKey::size, "size", "of the elements, about"},
+          {MeshKey::count, "lip_cells", "elements through a lip's thickness at least", PushPuppetMesh().lip_cells}};
+}
+
+void PushPuppet::check() const {
+  check_keys("push-puppet module");
+  const PushPuppet& m = *this;
+  if (!std::isfinite(m.cable_offset)) fail("cable_offset is not a finite length");
+  const PushPuppetLayout at(m);
   if (at.gap >= m.cell_length) {
     fail(
         fmt::format("gap_total {} over {} cells opens {} in each, but cell_length is {}; make gap_total smaller than "
                     "{}",
-                    mm(m.gap_total), m.cells, mm(at.gap), mm(m.cell_length), mm(m.cells * m.cell_length)));
+                    in_mm(m.gap_total), m.cells, in_mm(at.gap), in_mm(m.cell_length), in_mm(m.cells * m.cell_length)));
   }
   const double thin = m.lip_thickness - 2.0 * m.lip_relief;
   if (!(thin > 0.0)) {
     fail(fmt::format("lip_relief {} on both sides leaves nothing of lip_thickness {}; make lip_relief smaller than {}",
-                     mm(m.lip_relief), mm(m.lip_thickness), mm(0.5 * m.lip_thickness)));
+                     in_mm(m.lip_relief), in_mm(m.lip_thickness), in_mm(0.5 * m.lip_thickness)));
   }
   if (m.via_inset >= at.lip_length) {
     fail(
         fmt::format("via_inset {} is not inside the lips, which are {} long ((cell_length {} - gap_total {} / {} "
                     "cells) / 2); make via_inset or gap_total smaller",
-                    mm(m.via_inset), mm(at.lip_length), mm(m.cell_length), mm(m.gap_total), m.cells));
+                    in_mm(m.via_inset), in_mm(at.lip_length), in_mm(m.cell_length), in_mm(m.gap_total), m.cells));
   }
   const double offset = std::abs(m.cable_offset);
   if (offset < at.thin_low || offset > at.thin_high) {
     fail(fmt::format("cable_offset {} is outside the left lips, which go from {} to {}; put the cables in them",
-                     mm(m.cable_offset), mm(at.thin_low), mm(at.thin_high)));
+                     in_mm(m.cable_offset), in_mm(at.thin_low), in_mm(at.thin_high)));
   }
   if (m.stud_length > 0.0) check_studs(m);
   if (!(m.base_bracket >= 0.0 && m.tip_bracket >= 0.0 && m.bracket_height > 0.0 &&
         m.bracket_height <= 2 * at.lip_high)) {
     fail(fmt::format("brackets need a length of zero or more and a height above 0, at most the plates' {}",
-                     mm(2 * at.lip_high)));
+                     in_mm(2 * at.lip_high)));
   }
 }
 
-Mesh mesh_push_puppet(const PushPuppet& module, const PushPuppetMesh& settings, double inset) {
-  check(module);
-  check_mesh(module, settings, inset);
-  const Layout at(module);
-  const Lines lines(module, settings, inset);
-  const std::vector<double> foam_lines(lines.web.begin(), lines.web.begin() + lines.foam_cells + 1);
-  const int foam_columns = cells_along(module.cell_length, settings.size, 2);
-  Builder builder;
-  LipBuilder lips(builder, module, settings, inset, lines);
-
-  const auto wall = [&](double left, double right) {  // a web or a plate: its two faces
-    Builder::Column start = builder.column(left, lines.web);
-    Builder::Column end =
-        builder.extrude(start, right, lines.web, cells_along(right - left, settings.size, 2), plastic);
-    return std::pair{std::move(start), std::move(end)};
-  };
-  auto [base, face] = wall(-module.plate_thickness, 0.0);
-  const double tip_x = module.cells * at.pitch - module.web_thickness + module.plate_thickness;
-  for (int k = 0; k < module.cells; ++k) {
-    const double left = k * at.pitch;
-    const double right = left + module.cell_length;
-    const bool last = k + 1 == module.cells;
-    auto [near, far] = wall(right, last ? tip_x : (k + 1) * at.pitch);
-    add_foam(builder, slice(face, 0, lines.foam_cells + 1), slice(near, 0, lines.foam_cells + 1),
-             spread(left, right, foam_columns), foam_lines);
-    lips.left(face, left);
-    lips.right(near, right);
-    face = std::move(far);
+Mesh PushPuppet::mesh(const MeshSettings& settings, bool contact, bool compensate) const {
+  const PushPuppetMesh resolution{settings.size, count(settings, "lip_cells"), settings.order};
+  if (!contact) return mesh_push_puppet(*this, resolution);
+  const double contact_sets_in = contact_gap(settings, mesh_push_puppet(*this, resolution).diagonal());
+  const double largest = std::min(0.5 * gap_total / cells, via_inset);
+  if (contact_sets_in > largest) {
+    throw InputError(fmt::format(
+        "the contact gap of {:.4g} mm is too large for the module: faces would push each other at rest or lose "
+        "their via points; set contact_gap below {:.4g} mm (half a gap between lips, and via_inset), or leave it out",
+        1e3 * contact_sets_in, 1e3 * largest));
   }
+  return mesh_push_puppet(*this, resolution, compensate ? 0.5 * resting_distance * contact_sets_in : 0.0);
+}
 
-  // Brackets go on from the plates' outer faces, as far up as half their height.
-  const auto bracket = [&](const Builder::Column& plate, double from, double to) {
-    if (from == to) return;
-    const auto above = std::lower_bound(lines.web.begin(), lines.web.end(), 0.5 * module.bracket_height - 1e-9);
-    const int count = static_cast<int>(above - lines.web.begin()) + 1;
-    builder.extrude(slice(plate, 0, count), to, {lines.web.begin(), lines.web.begin() + count},
-                    cells_along(std::abs(to - from), settings.size, 2), plastic);
-  };
-  bracket(base, -module.plate_thickness, -module.plate_thickness - module.base_bracket);
-  bracket(face, tip_x, tip_x + module.tip_bracket);
+std::vector<Eigen::VectorXd> PushPuppet::cable(size_t index) const {
+  const std::vector<Eigen::Vector2d> path = cable_path(*this, index == 0 ? 1 : -1);
+  return {path.begin(), path.end()};
+}
 
-  Mesh mesh = builder.reflected();
-  mesh.region_names = {"foam", "plastic"};
-  const Tag outer = boundary(mesh);
-  mesh.tags["base"] = facets_at(mesh, outer, -module.plate_thickness);
-  mesh.tags["tip"] = facets_at(mesh, outer, tip_x);
-  mesh.check("push-puppet module");
-  return settings.order == 1 ? mesh : to_quadratic(mesh);
+std::vector<Spine> PushPuppet::spines() const {
+  if (stud_length > 0) throw InputError("a chain of beams has lips without studs; set stud_length = \"0 mm\"");
+  const PushPuppetLayout at(*this);
+  Spine spine;
+  spine.clamped = "base";
+  spine.loaded = "tip";
+  spine.end = at.tip;
+  spine.soft = "foam";
+  spine.stiff = "plastic";
+  for (int i = 0; i < cells; ++i) spine.spans.push_back({i * at.pitch, cell_length, core_height});
+  spine.lips = Spine::Lips{at.lip_length, lip_thickness - 2 * lip_relief, at.thin_low, at.thin_high};
+  return {spine};
 }
 
 std::vector<Eigen::Vector2d> cable_path(const PushPuppet& module, int side) {
-  check(module);
+  module.check();
   if (side != 1 && side != -1) fail(fmt::format("cable side {}; +1 (upper) and -1 (lower) are allowed", side));
-  const Layout at(module);
+  const PushPuppetLayout at(module);
   const double y = side * std::abs(module.cable_offset);
   std::vector<Eigen::Vector2d> path{{-module.plate_thickness, y}};
   for (int k = 0; k < module.cells; ++k) {
@@ -516,8 +168,76 @@ std::vector<Eigen::Vector2d> cable_path(const PushPuppet& module, int side) {
     path.emplace_back(left + at.lip_length - module.via_inset, y);
     path.emplace_back(left + module.cell_length - at.lip_length + at.groove_depth + module.via_inset, y);
   }
-  path.emplace_back(module.cells * at.pitch - module.web_thickness + module.plate_thickness, y);
+  path.emplace_back(at.tip, y);
   return path;
+}
+
+namespace {
+
+void add(std::vector<DimensionLine>& lines, DimensionLine::Side side, double from, double to, double body,
+         const char* name) {
+  lines.push_back({side, from, to, body, name});
+}
+
+/// Lengths around the whole module.
+std::vector<DimensionLine> lines_around(const PushPuppet& m, const PushPuppetLayout& at) {
+  std::vector<DimensionLine> lines;
+  const double high = at.lip_high, plate = m.plate_thickness;
+  add(lines, DimensionLine::above, at.lip_length, at.lip_length + at.gap, high, "gap");
+  if (m.cells > 1) {
+    const int web = m.cells / 2;  // the one after this many cells
+    add(lines, DimensionLine::above, web * at.pitch - m.web_thickness, web * at.pitch, high, "web");
+  }
+  add(lines, DimensionLine::above, at.tip - plate, at.tip, high, "plate");
+  add(lines, DimensionLine::below, 0, m.cell_length, -high, "cell");
+  if (m.cells > 1) add(lines, DimensionLine::below, 0, at.tip - plate, -high, "core");
+  add(lines, DimensionLine::below, -plate, at.tip, -high, "total");
+  add(lines, DimensionLine::right, -high, high, at.tip, "height");
+  return lines;
+}
+
+/// Lengths around the upper half of the first cell.
+std::vector<DimensionLine> lines_of_gap(const PushPuppet& m, const PushPuppetLayout& at) {
+  std::vector<DimensionLine> lines;
+  const double lip = at.lip_length, face = lip + at.gap;  // the end faces of the left and the right lip
+  if (at.groove_depth > 0) {
+    const double tongue = 0.5 * m.stud_thickness, groove = tongue + m.stud_play;
+    add(lines, DimensionLine::below, lip, lip + m.stud_length, at.middle - tongue, "stud");
+    add(lines, DimensionLine::below, face, face + at.groove_depth, at.middle - groove, "groove");
+    add(lines, DimensionLine::left, at.middle - tongue, at.middle + tongue, lip, "stud");
+    add(lines, DimensionLine::right, at.middle - groove, at.middle + groove, face, "groove");
+  }
+  add(lines, DimensionLine::above, 0, lip, at.thin_high, "left lip");
+  add(lines, DimensionLine::above, lip, face, at.thin_high, "gap");
+  add(lines, DimensionLine::above, face, m.cell_length, at.lip_high, "right lip");
+  add(lines, DimensionLine::below, lip - m.via_inset, lip, std::abs(m.cable_offset), "via inset");
+  add(lines, DimensionLine::left, at.thin_low, at.thin_high, 0, "left lip");
+  if (m.lip_relief > 0) add(lines, DimensionLine::left, at.thin_high, at.lip_high, 0, "relief");
+  add(lines, DimensionLine::right, at.lip_low, at.lip_high, m.cell_length, "right lip");
+  add(lines, DimensionLine::right, 0.5 * m.core_height, at.lip_low, m.cell_length, "clearance");
+  return lines;
+}
+
+}  // namespace
+
+std::optional<ShapeDrawing> PushPuppet::drawing() const {
+  const PushPuppetLayout at(*this);
+  const bool several = cells > 1;
+  const double half = 0.5 * core_height;
+  const double second = several ? at.pitch : 0.0, last = (cells - 1) * at.pitch;  // cells, where they begin
+  ShapeDrawing drawing;
+  drawing.summary =
+      fmt::format("{} cell{}, gaps of one side {:.4g} mm in all", cells, several ? "s" : "", 1e3 * gap_total);
+  drawing.lines = lines_around(*this, at);
+  drawing.inner = {{second, second + cell_length, 0.4, -half, half, "core"},
+                   {last, last + cell_length, several ? 0.62 : 0.75, 0, std::abs(cable_offset), "cable"}};
+  drawing.axis = {-plate_thickness, at.tip};
+  const double room = 0.55;  // of the walls beside the cell
+  drawing.detail = {"One gap",
+                    {-room * plate_thickness, half - 0.35 * (at.lip_high - half)},
+                    {cell_length + room * (several ? web_thickness : plate_thickness), at.lip_high},
+                    lines_of_gap(*this, at)};
+  return drawing;
 }
 
 }  // namespace taut

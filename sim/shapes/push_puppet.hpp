@@ -1,14 +1,14 @@
 #pragma once
 #include <vector>
 
-#include "sim/mesh/mesh.hpp"
+#include "sim/shapes/shape.hpp"
 
 namespace taut {
 
 /// A push-puppet module in 2D: foam cells between plastic webs, plastic lips that meet when the cables are retracted.
 /// Axis x, up y, symmetric about y = 0; the foam starts at x = 0. Lengths in metres. The defaults are the reference
 /// module.
-struct PushPuppet {
+struct PushPuppet final : Shape {
   int cells = 4;
   double cell_length = 11.5e-3;  ///< foam between two webs
   double core_height = 30e-3;    ///< of the foam
@@ -26,6 +26,37 @@ struct PushPuppet {
   double base_bracket = 0;        ///< how far a bracket reaches out of the base plate, to hold a joint; 0: none
   double tip_bracket = 0;         ///< the same at the tip plate
   double bracket_height = 10e-3;  ///< of both, across the axis, up to the next line of the mesh
+
+  std::unique_ptr<Shape> clone() const override { return std::make_unique<PushPuppet>(*this); }
+  std::string kind() const override { return "push_puppet"; }
+  int dimension() const override { return 2; }
+  std::vector<ShapeKey> keys() override;
+  /// With studs the play must be positive; a tongue longer than the gap at rest starts inside its groove. Without
+  /// relief the faces' corners meet corner on corner: allowed, not advised.
+  void check() const override;
+  std::vector<MeshKey> mesh_keys() const override;
+  Mesh mesh(const MeshSettings& settings, bool contact, bool compensate) const override;
+  std::vector<std::string> cable_names() const override { return {"upper", "lower"}; }
+  std::vector<Eigen::VectorXd> cable(size_t index) const override;
+  ShapeDefaults defaults() const override { return {.cables = true, .contact = true}; }
+  std::vector<Spine> spines() const override;
+  std::optional<ShapeDrawing> drawing() const override;
+};
+
+/// What follows from a module's numbers; heights are those of the upper side. [m]
+struct PushPuppetLayout {
+  explicit PushPuppetLayout(const PushPuppet& module);
+
+  double gap;           ///< between the two lips of a cell at rest
+  double lip_length;    ///< from the web to the end face
+  double lip_low;       ///< of right lips
+  double lip_high;      ///< of right lips, webs and plates
+  double thin_low;      ///< of left lips
+  double thin_high;     ///< of left lips
+  double middle;        ///< of lips, tongues and grooves
+  double groove_depth;  ///< 0 without studs
+  double pitch;         ///< from one cell to the next
+  double tip;           ///< right face of the tip plate
 };
 
 /// How finely a module is meshed.
@@ -34,10 +65,6 @@ struct PushPuppetMesh {
   int lip_cells = 2;     ///< elements through a lip's thickness at least
   int order = 2;
 };
-
-/// Throws InputError with the numbers that clash. With studs the play must be positive; a tongue longer than the gap at
-/// rest starts inside its groove. Without relief the faces' corners meet corner on corner: allowed, not advised.
-void check(const PushPuppet& module);
 
 /// Regions "foam" and "plastic"; tags "base" (left face of the base plate) and "tip" (right face of the tip plate).
 /// Symmetric about y = 0 to the last digit; foam is bonded to the webs only; nodes of faces that meet are not aligned.

@@ -73,8 +73,8 @@ void Equilibrium::start_beyond(const Eigen::VectorXd& u, const Eigen::VectorXd& 
 
 /// Assembles gradient and Hessian at u and factorises: exact, else projected, else projected and shifted.
 bool Equilibrium::factorise(bool& exact, const Eigen::VectorXd& u, const Params& p, Eigen::VectorXd& gradient) {
-  hessian_.assemble(at(u, p), options_.always_project ? Curvature::projected : Curvature::exact, &gradient);
-  exact = !options_.always_project;
+  hessian_.assemble(at(u, p), options_.comparison.always_project ? Curvature::projected : Curvature::exact, &gradient);
+  exact = !options_.comparison.always_project;
   if (hessian_.factorise()) return true;
   exact = false;
   ++report_.projections;
@@ -86,7 +86,7 @@ bool Equilibrium::factorise(bool& exact, const Eigen::VectorXd& u, const Params&
       if (hessian_.factorise(shift)) return true;
     }
   }
-  if (!options_.always_project) hessian_.assemble(at(u, p), Curvature::projected, &gradient);
+  if (!options_.comparison.always_project) hessian_.assemble(at(u, p), Curvature::projected, &gradient);
   for (double shift = 0, scale = hessian_.mean_diagonal(); shift < 1e3 * scale;
        shift = std::max(10 * shift, 1e-8 * scale)) {
     if (hessian_.factorise(shift)) return true;
@@ -133,12 +133,12 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
     const Eigen::VectorXd free_step = -hessian_.solve(free_gradient);
     if (!free_step.allFinite()) return {SolveStatus::stalled, false};
     report_.gradient = largest(free_gradient);
-    if (report_.gradient < options_.stop_at_force) return {SolveStatus::converged, exact};
+    if (report_.gradient < options_.comparison.stop_at_force) return {SolveStatus::converged, exact};
     const double slope = free_gradient.dot(free_step);  // < 0, twice the predicted decrease
     const double noise = 10 * epsilon * energy.magnitude;
     const Eigen::VectorXd step = hessian_.reduction().extend_from_free(u, free_step);
 
-    if (options_.line_search == LineSearch::none) {
+    if (options_.comparison.line_search == LineSearch::none) {
       double whole = 1;
       u = way.admissible(u, step, p, whole);
       model_->evaluate(at(u, p), energy);
@@ -172,7 +172,7 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
       }
     }
     if (!on_trust) reference = {u, step, energy, slope, fraction};
-    const bool armijo = options_.line_search == LineSearch::armijo;
+    const bool armijo = options_.comparison.line_search == LineSearch::armijo;
     const bool sufficient = next.energy <= reference.energy.energy + 1e-4 * reference.fraction * reference.slope ||
                             (!armijo && better_by_gradient());
     if (sufficient || (!armijo && !on_trust && std::isfinite(next.energy))) {
@@ -331,7 +331,7 @@ Eigen::VectorXd Equilibrium::predict(const Params& p) const {
 
 /// Whether something is passed through on the straight way from u_.
 bool Equilibrium::passes_through(const Params& p, const Eigen::VectorXd& u) const {
-  return !options_.ignore_contact && model_->step_limit(at(u_, p), u - u_) < 1;
+  return !options_.comparison.ignore_contact && model_->step_limit(at(u_, p), u - u_) < 1;
 }
 
 /// Whether the new state, u_ at p_, belongs to another equilibrium path than u_before at p_before. On one path the

@@ -1,5 +1,6 @@
 #pragma once
 #include <Eigen/Core>
+#include <array>
 #include <atomic>
 #include <string>
 #include <string_view>
@@ -39,12 +40,16 @@ struct EquilibriumOptions {
   bool check_minimum = true;       ///< leave saddle points (buckling) and say so
   bool check_path = false;         ///< look for slips to another equilibrium between load steps, and shorten them there
   const std::atomic<bool>* stop = nullptr;  ///< raised by another thread or a signal handler: end soon
-  // What other solvers do. For comparison only: tests/verification/stress_*_test.cpp show where each of them fails.
-  bool always_project = false;  ///< project the Hessian in every iteration
-  LineSearch line_search = LineSearch::watchdog;
-  bool straight_steps = false;  ///< stiff bodies do not turn with the step
-  bool ignore_contact = false;  ///< steps are not cut where something would be passed through
-  double stop_at_force = 0;     ///< converged when the largest out-of-balance force [N] is below this; 0: by the step
+  /// What other solvers do, for comparison only: nothing but the stability chart (calib/studies/stability.cpp) and the
+  /// tests that show where each of them fails (tests/verification/stress_*_test.cpp) sets these.
+  struct Comparison {
+    bool always_project = false;  ///< project the Hessian in every iteration
+    LineSearch line_search = LineSearch::watchdog;
+    bool straight_steps = false;  ///< stiff bodies do not turn with the step
+    bool ignore_contact = false;  ///< steps are not cut where something would be passed through
+    double stop_at_force = 0;     ///< converged when the largest out-of-balance force [N] is below this; 0: by the step
+  };
+  Comparison comparison = {};
 };
 
 /// What a solve took and how it ended.
@@ -91,6 +96,10 @@ class Equilibrium {
 
   /// Forgets the past: rest shape at `p`, in which loads and prescribed displacements are expected to be zero.
   void start_at_rest(const Params& p);
+  /// Couplings (row, column) that the Hessian has room for besides the model's own, since the last start at rest; with
+  /// the same ones another object solves the same to the bit.
+  std::vector<std::array<int, 2>> couplings() const { return hessian_.couplings(); }
+  void expect(const std::vector<std::array<int, 2>>& couplings) { hessian_.expect(couplings); }
   /// Sets a known state as the start of the next solve.
   void start_at(const Eigen::VectorXd& u, const Params& p);
   /// Sets u + step as the start, or as much of that step as is admissible.
@@ -126,7 +135,9 @@ class Equilibrium {
   bool slipped(const Eigen::VectorXd& u_before, const Params& p_before, const Eigen::VectorXd& predicted) const;
   Eigen::VectorXd right_hand_side(int index) const;
   bool factorise(bool& exact, const Eigen::VectorXd& u, const Params& p, Eigen::VectorXd& gradient);
-  Motion motion(const Params& p) const { return {*model_, p, options_.straight_steps, options_.ignore_contact}; }
+  Motion motion(const Params& p) const {
+    return {*model_, p, options_.comparison.straight_steps, options_.comparison.ignore_contact};
+  }
   Eigen::VectorXd free_gradient_at(const Eigen::VectorXd& u, const Params& p) const;
   Point at(const Eigen::VectorXd& u, const Params& p) const { return {u, p, step_}; }
   bool stopped() const { return options_.stop != nullptr && options_.stop->load(); }

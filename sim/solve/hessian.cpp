@@ -44,6 +44,20 @@ void Hessian::forget_couplings() {
   grown_.reset();
 }
 
+std::vector<std::array<int, 2>> Hessian::couplings() const {
+  std::vector<std::array<int, 2>> couplings;
+  for (const Place& place : extra_) couplings.push_back({place.row, place.column});
+  return couplings;
+}
+
+void Hessian::expect(const std::vector<std::array<int, 2>>& couplings) {
+  forget_couplings();
+  if (couplings.empty()) return;
+  std::vector<Place> extra;
+  for (const auto& [row, column] : couplings) extra.push_back({column, row});
+  set_pattern(std::move(extra));
+}
+
 const std::vector<double>& Hessian::values() const {
   return !slots_.empty() ? values_ : reduction_.identity() ? own_ : reduced_;
 }

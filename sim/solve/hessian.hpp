@@ -1,5 +1,6 @@
 #pragma once
 #include <Eigen/Core>
+#include <array>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -33,6 +34,10 @@ class Hessian {
   }
   /// Back to the model's own pattern, so that what follows does not depend on what was solved before.
   void forget_couplings();
+  /// Couplings (row, column) beyond the model's own pattern that have come so far; and to start with those of another
+  /// object, so that elimination goes in the same order.
+  std::vector<std::array<int, 2>> couplings() const;
+  void expect(const std::vector<std::array<int, 2>>& couplings);
 
  private:
   struct Place {

@@ -29,6 +29,29 @@ Derived reference_of(const std::array<double, 3>& rate, const Derived& u1, const
   return reference;
 }
 
+/// The step of length h from `now` to t, yet to be solved: what its potential knows of the past. Implicit Euler without
+/// a step `before`.
+AcceptedStep step_from(const AcceptedStep& now, const AcceptedStep* before, double t, double h, Params p) {
+  AcceptedStep next;
+  next.t = t;
+  next.h = h;
+  next.p = std::move(p);
+  const std::array<double, 3> rate = rates(h, before != nullptr ? now.h : 0.0);
+  if (before != nullptr) next.step.before = before->u;
+  next.step.inertia = rate[0] * rate[0];
+  next.step.rate = rate;
+  next.step.reference = reference_of(rate, now.u, now.v, before != nullptr ? &before->u : nullptr,
+                                     before != nullptr ? &before->v : nullptr);
+  next.step.previous = now.u;
+  return next;
+}
+
+/// Largest difference of a solved step from the trapezoidal rule with the same velocities [m], which is one order
+/// better than implicit Euler and has another error constant than BDF2.
+double error_of(const AcceptedStep& now, const AcceptedStep& next) {
+  return (next.u - now.u - 0.5 * next.h * (now.v + next.v)).cwiseAbs().maxCoeff();
+}
+
 }  // namespace
 
 TimeStepper::TimeStepper(const Model& model, TimeStepperOptions options)
@@ -40,7 +63,8 @@ TimeStepper::TimeStepper(const Model& model, TimeStepperOptions options)
   }
 }
 
-void TimeStepper::start(double t, const Eigen::VectorXd& u, const Eigen::VectorXd& v, const Schedule& schedule) {
+void TimeStepper::start(double t, const Eigen::VectorXd& u, const Eigen::VectorXd& v, const Schedule& schedule,
+                        const Eigen::MatrixXd& du) {
   schedule_ = schedule;
   now_ = {t, 0, u, v, schedule(t), {}};
   model_->impose_supports(now_.p, now_.u);
@@ -48,13 +72,14 @@ void TimeStepper::start(double t, const Eigen::VectorXd& u, const Eigen::VectorX
   next_step_ = options_.step;
   report_ = {};
   minimiser_.start_at_rest(now_.p);  // forgets the contacts of earlier runs
-  du_ = dv_ = Eigen::MatrixXd::Zero(model_->unknowns(), tracked_);
+  du_ = dv_ = dreference_ = Eigen::MatrixXd::Zero(model_->unknowns(), tracked_);
+  if (du.size() > 0) du_ = du;
 }
 
 void TimeStepper::track(int count, std::function<Eigen::MatrixXd(double t)> derivative) {
   tracked_ = count;
   derivative_ = std::move(derivative);
-  du_ = dv_ = Eigen::MatrixXd::Zero(model_->unknowns(), tracked_);
+  du_ = dv_ = dreference_ = Eigen::MatrixXd::Zero(model_->unknowns(), tracked_);
 }
 
 /// Where the search begins: moved on with the present velocity, as far as nothing is in the way and elements bear it.
@@ -77,23 +102,9 @@ bool TimeStepper::advance(double until) {
   while (true) {
     const double left = until - now_.t;
     if (h >= left * (1 - 1e-9)) h = left;
-    const double h_before = before_.empty() || order == 1 ? 0.0 : now_.h;
-    const std::array<double, 3> rate = rates(h, h_before);
-    AcceptedStep next;
-    next.t = h == left ? until : now_.t + h;
-    next.h = h;
-    next.p = schedule_(next.t);
-    const Eigen::VectorXd *u2 = nullptr, *v2 = nullptr;
-    if (h_before != 0) {
-      u2 = &before_.front().u;
-      v2 = &before_.front().v;
-      next.step.before = *u2;
-    }
-    next.step.inertia = rate[0] * rate[0];
-    next.step.rate = rate;
-    next.step.reference = reference_of(rate, now_.u, now_.v, u2, v2);
-    next.step.previous = now_.u;
-
+    const AcceptedStep* before = before_.empty() || order == 1 ? nullptr : &before_.front();
+    const double t = h == left ? until : now_.t + h;
+    AcceptedStep next = step_from(now_, before, t, h, schedule_(t));
     const Eigen::VectorXd first = predicted(h, next.p, next.step);
     const bool passes = model_->step_limit({now_.u, next.p, &next.step}, first - now_.u) < 1;
     const SolveReport& solve = minimiser_.solve_step(first, next.p, next.step);
@@ -110,15 +121,13 @@ bool TimeStepper::advance(double until) {
       continue;
     }
     next.u = minimiser_.u();
+    const std::array<double, 3>& rate = next.step.rate;
     next.v = rate[0] * next.u + rate[1] * now_.u;
-    if (h_before != 0) next.v += rate[2] * *u2;
+    if (before != nullptr) next.v += rate[2] * before->u;
 
     if (options_.tolerance > 0) {
-      // Against the trapezoidal rule with the same velocities, which is one order better than implicit Euler and has
-      // another error constant than BDF2.
-      const Eigen::VectorXd difference = next.u - now_.u - 0.5 * h * (now_.v + next.v);
-      const double error = difference.cwiseAbs().maxCoeff() / (options_.tolerance * model_->length_scale());
-      const double factor = 0.9 * std::pow(std::max(error, 1e-12), -1.0 / ((h_before == 0 ? 1 : order) + 1));
+      const double error = error_of(now_, next) / (options_.tolerance * model_->length_scale());
+      const double factor = 0.9 * std::pow(std::max(error, 1e-12), -1.0 / ((before == nullptr ? 1 : order) + 1));
       if (error > 1 && h > shortest) {
         ++report_.rejections;
         h *= std::max(0.2, factor);
@@ -133,10 +142,11 @@ bool TimeStepper::advance(double until) {
     } else {
       next_step_ = shortened || h < next_step_ ? std::min(options_.step, 2 * h) : options_.step;
     }
+    const bool two_steps = before != nullptr;
     before_.assign(1, std::move(now_));
     now_ = std::move(next);
     minimiser_.step_moved_to(now_.step);
-    if (tracked_ > 0) follow_derivatives(h_before != 0);
+    if (tracked_ > 0) follow_derivatives(two_steps);
     ++report_.steps;
     return true;
   }
@@ -146,7 +156,7 @@ bool TimeStepper::advance(double until) {
 void TimeStepper::follow_derivatives(bool two_steps) {
   const Point at{now_.u, now_.p, &now_.step};
   const std::array<double, 3>& rate = now_.step.rate;
-  const Eigen::MatrixXd past = reference_of(rate, du_, dv_, &du_before_, &dv_before_);
+  dreference_ = reference_of(rate, du_, dv_, &du_before_, &dv_before_);
   const Eigen::MatrixXd dp = derivative_(now_.t);
   Eigen::MatrixXd force = Eigen::MatrixXd::Zero(du_.rows(), tracked_), moved = force;
   for (int k = 0; k < dp.rows(); ++k) {
@@ -155,7 +165,7 @@ void TimeStepper::follow_derivatives(bool two_steps) {
     moved += model_->support_derivative(k) * dp.row(k);
   }
   for (int j = 0; j < tracked_; ++j) {
-    force.col(j) += model_->history_product(at, History::reference, past.col(j), false) +
+    force.col(j) += model_->history_product(at, History::reference, dreference_.col(j), false) +
                     model_->history_product(at, History::previous, du_.col(j), false);
     if (two_steps) force.col(j) += model_->history_product(at, History::before, du_before_.col(j), false);
     if (!moved.col(j).isZero(0)) force.col(j) += model_->hessian_times(at, moved.col(j));
@@ -169,8 +179,8 @@ void TimeStepper::follow_derivatives(bool two_steps) {
   dv_before_ = std::exchange(dv_, std::move(dv));
 }
 
-Eigen::MatrixXd adjoint_gradient(const Model& model, const std::vector<AcceptedStep>& steps,
-                                 const std::vector<Eigen::VectorXd>& gradients, const std::vector<int>& indices) {
+TrajectoryGradient adjoint_gradient(const Model& model, const std::vector<AcceptedStep>& steps,
+                                    const std::vector<Eigen::VectorXd>& gradients, const std::vector<int>& indices) {
   const Eigen::VectorXd zero = Eigen::VectorXd::Zero(model.unknowns());
   Eigen::MatrixXd result(static_cast<Eigen::Index>(indices.size()), static_cast<Eigen::Index>(steps.size()));
   // Derivatives of Q with respect to the state at the end of this step and of the two before it.
@@ -201,7 +211,7 @@ Eigen::MatrixXd adjoint_gradient(const Model& model, const std::vector<AcceptedS
     u = {std::move(u[1]), std::move(u[2]), zero};
     v = {std::move(v[1]), std::move(v[2]), zero};
   }
-  return result;
+  return {std::move(result), std::move(u[0])};
 }
 
 }  // namespace taut

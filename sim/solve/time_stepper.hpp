@@ -51,8 +51,10 @@ class TimeStepper {
  public:
   explicit TimeStepper(const Model& model, TimeStepperOptions options = {});
 
-  /// Begins at time t with displacements u and velocities v; supports are imposed.
-  void start(double t, const Eigen::VectorXd& u, const Eigen::VectorXd& v, const Schedule& schedule);
+  /// Begins at time t with displacements u and velocities v; supports are imposed. `du` are the derivatives of u that
+  /// track() goes on from, (unknowns x count); empty: zero.
+  void start(double t, const Eigen::VectorXd& u, const Eigen::VectorXd& v, const Schedule& schedule,
+             const Eigen::MatrixXd& du = {});
   /// One accepted step, not beyond `until`. False when even the shortest step fails, or on interruption: the state
   /// stays.
   bool advance(double until);
@@ -67,10 +69,12 @@ class TimeStepper {
   const TimeStepperReport& report() const { return report_; }
 
   /// Follows the derivatives of the state with respect to `count` numbers theta on which the schedule depends, from
-  /// zero at the start; `derivative` gives dp/dtheta (parameters x count) at a time.
+  /// those given to start() (velocities: from zero); `derivative` gives dp/dtheta (parameters x count) at a time. They
+  /// are those of the accepted steps, whose lengths count as given.
   void track(int count, std::function<Eigen::MatrixXd(double t)> derivative);
   const Eigen::MatrixXd& du() const { return du_; }  ///< du/dtheta, (unknowns x count)
   const Eigen::MatrixXd& dv() const { return dv_; }
+  const Eigen::MatrixXd& dreference() const { return dreference_; }  ///< of last().step.reference; zero at the start
 
  private:
   Eigen::VectorXd predicted(double h, const Params& p, const TimeStep& step) const;
@@ -86,14 +90,20 @@ class TimeStepper {
   TimeStepperReport report_;
   std::function<Eigen::MatrixXd(double)> derivative_;
   int tracked_ = 0;
-  Eigen::MatrixXd du_, dv_, du_before_, dv_before_;
+  Eigen::MatrixXd du_, dv_, du_before_, dv_before_, dreference_;
 };
 
-/// Derivatives of a number Q(u_1, ..., u_n) of a trajectory with respect to parameters in every step, by the discrete
-/// adjoint method: one backward pass of linear solves whatever the number of controls. `steps` are the accepted steps
-/// in order (all of one start), `gradients` dQ/du_k of each (empty: zero). Returns dQ/dp_index at each step, shape
-/// (indices x steps). Throws std::logic_error when a step's exact Hessian is not positive definite.
-Eigen::MatrixXd adjoint_gradient(const Model& model, const std::vector<AcceptedStep>& steps,
-                                 const std::vector<Eigen::VectorXd>& gradients, const std::vector<int>& indices);
+/// Derivatives of a number of a trajectory.
+struct TrajectoryGradient {
+  Eigen::MatrixXd parameters;  ///< dQ/dp_index at each step, (indices x steps)
+  Eigen::VectorXd start;       ///< dQ/du at the start, all unknowns
+};
+
+/// Derivatives of a number Q(u_1, ..., u_n) of a trajectory with respect to parameters in every step, and to where it
+/// started, by the discrete adjoint method: one backward pass of linear solves whatever the number of controls. `steps`
+/// are the accepted steps in order (all of one start, whose state is not among them), `gradients` dQ/du_k of each
+/// (empty: zero). Throws std::logic_error when a step's exact Hessian is not positive definite.
+TrajectoryGradient adjoint_gradient(const Model& model, const std::vector<AcceptedStep>& steps,
+                                    const std::vector<Eigen::VectorXd>& gradients, const std::vector<int>& indices);
 
 }  // namespace taut

@@ -23,10 +23,10 @@ void replay(benchmark::State& state, int order, double size) {
   Experiment e = reference_module(order);
   e.mesh.size = size;
   e.threads = 1;
-  const StaticBench one = make_static_bench(e, e.mesh, conditions_of());
+  const StaticReplay one = make_static_replay(e, e.mesh, conditions_of());
   e.threads = 2;
-  const StaticBench two = make_static_bench(e, e.mesh, conditions_of());
-  auto cold = [](const StaticBench& bench) {
+  const StaticReplay two = make_static_replay(e, e.mesh, conditions_of());
+  auto cold = [](const StaticReplay& bench) {
     bench.protocol->forget();
     return seconds_of([&] { bench.protocol->predict(bench.protocol->nominal(), {}); });
   };
@@ -60,7 +60,7 @@ void FitOfTheBench(benchmark::State& state) {
   use_one_blas_thread();
   const Experiment e = read_experiment(TAUT_SOURCE_DIR "/experiments/push_puppet/experiment.toml");
   const Trials trials = read_trials(e.bench);
-  const StaticBench bench = make_static_bench(e, e.mesh, trials);
+  const StaticReplay bench = make_static_replay(e, e.mesh, trials);
   const std::vector<FreeParameter> free = free_parameters(e, *bench.protocol);
   FitOptions options;
   options.profiles = false;

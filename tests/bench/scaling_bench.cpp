@@ -26,8 +26,8 @@ void module_of(benchmark::State& state, double size) {
   use_one_blas_thread();
   Experiment e = reference_module();
   e.mesh.size = size;
-  e.mesh.lip_cells = std::max(1, static_cast<int>(2 * 2.6e-3 / size));
-  const StaticBench bench = make_static_bench(e, e.mesh, conditions_of({5.89e-3}, {0.05}));
+  e.mesh.counts["lip_cells"] = std::max(1, static_cast<int>(2 * 2.6e-3 / size));
+  const StaticReplay bench = make_static_replay(e, e.mesh, conditions_of({5.89e-3}, {0.05}));
   const Model& model = *bench.protocol->scene().model;
   const std::vector<int> parameters{model.parameters().index("E_foam"), model.parameters().index("k_cable"),
                                     model.parameters().index("slack"), model.parameters().index("E_plastic")};

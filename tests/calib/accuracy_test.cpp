@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <thread>
 
@@ -133,16 +134,16 @@ TEST(Accuracy, GoingOnRepeatsNothingThatIsFinished) {
   int count = 0;
   const AccuracyStudy study = made_up({0.4, 0.2, 0.1, 0.05}, &count);
   const TemporaryFolder folder;
-  const AccuracyOptions tight{0, folder / "a.csv", "file 1", nullptr, {}};
+  const StudyOptions tight{0, folder / "a.csv", "file 1", nullptr, {}};
   const auto first = run_settings(study, tight);
   EXPECT_EQ(count, 1) << "one at least, and the one in use";
   EXPECT_TRUE(first[0].has_value());
   EXPECT_FALSE(first[1].has_value());
   const auto second = run_settings(study, tight);
   EXPECT_EQ(count, 2) << "the next one";
-  EXPECT_TRUE(second[0]->values.isApprox(first[0]->values, 1e-11));
+  EXPECT_EQ(second[0]->values, first[0]->values) << "to the last bit";
   EXPECT_EQ(second[0]->factorisations, 2);
-  AccuracyOptions rich = tight;
+  StudyOptions rich = tight;
   rich.budget = 1000;
   run_settings(study, rich);
   EXPECT_EQ(count, 4);
@@ -151,6 +152,15 @@ TEST(Accuracy, GoingOnRepeatsNothingThatIsFinished) {
   rich.fingerprint = "file 2";
   run_settings(study, rich);
   EXPECT_EQ(count, 8) << "another experiment, other results";
+}
+
+TEST(Accuracy, OfTwoSettingsOfOneNameTheOneInUseStays) {
+  // A single cell refined by 0.5 and 0.7 is itself.
+  const TemporaryFolder folder;
+  folder.write("bench.csv", "pull_N,tip_mm\n0.001,1\n");
+  const std::string text = replaced(replaced(beam_toml, "trial = \"trial\"", ""), "cells = [10, 4]", "cells = [1, 1]");
+  const AccuracyStudy study = accuracy_study(read_experiment(folder.write("beam.toml", text)));
+  EXPECT_EQ(std::ranges::count(study.settings, true, &AccuracySetting::in_use), 1);
 }
 
 TEST(Accuracy, AStopEndsTheSearchAndKeepsWhatWasFinished) {

@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "sim/shapes/grid.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/push_puppet.hpp"
 #include "tests/support/taylor.hpp"
@@ -12,7 +13,7 @@ namespace {
 /// A cantilever of 1e5 Pa, 30 mm thick, under forces on its free end.
 Experiment cantilever(double length, double height, double poisson, Plane plane = Plane::strain) {
   Experiment e = read_experiment(TAUT_SOURCE_DIR "/experiments/foam_cantilever/experiment.toml");
-  e.geometry.size = {length, height};
+  e.geometry.edit<Rectangle>().size = {length, height};
   e.geometry.plane = plane;
   e.materials[0].constants = {{"E", 1e5}, {"nu", poisson}};
   return e;
@@ -66,8 +67,8 @@ TEST(BeamModel, ClampAndLoadMayBeOnAnyPairOfOppositeSides) {
   for (const Case& c : {Case{"xmax", "xmin", {0.055, 0.03}, {0, 1}}, Case{"ymin", "ymax", {0.03, 0.055}, {1, 0}},
                         Case{"ymax", "ymin", {0.03, 0.055}, {-2, 0}}}) {
     Experiment e = cantilever(0.055, 0.03, 0.3);
-    e.geometry.size = c.size;
-    e.geometry.origin = {0.3, -0.2};
+    e.geometry.edit<Rectangle>().size = c.size;
+    e.geometry.edit<Rectangle>().origin = {0.3, -0.2};
     e.supports[0].on = c.clamped;
     e.loads[0].on = e.channels[0].on = c.loaded;
     e.loads[0].direction = e.channels[0].direction = c.down;
@@ -229,7 +230,7 @@ TEST(SlowBeamModel, OpenModulesOfOtherFoamsAreWithinTheStatedErrorOfFiniteElemen
     e.materials[0].constants["nu"] = poisson;
     const Trials trials = conditions_of({0, 6e-3}, {0.05, 0.5});
     BeamBench bench = make_beam_bench(e, trials);
-    const StaticBench full = make_static_bench(e, e.mesh, trials);
+    const StaticReplay full = make_static_replay(e, e.mesh, trials);
     const Eigen::VectorXd beam = predicted(bench), solid = full.protocol->predict(full.protocol->nominal(), {}).values;
     for (Eigen::Index row = 0; row < beam.size(); ++row) {
       const double error = std::abs(beam[row] / solid[row] - 1),
@@ -252,7 +253,7 @@ TEST(BeamModel, ParametersStartsAndBoundsAreThoseOfTheFullModel) {
   const Experiment e = reference_module();
   const Trials trials = conditions_of({5e-3}, {0.05});
   const BeamBench beam = make_beam_bench(e, trials);
-  const StaticBench full = make_static_bench(e, e.mesh, trials);
+  const StaticReplay full = make_static_replay(e, e.mesh, trials);
   EXPECT_EQ(beam.protocol->parameters().ids(), full.protocol->parameters().ids());
   const std::vector<FreeParameter> one = free_parameters(e, *beam.protocol), other = free_parameters(e, *full.protocol);
   ASSERT_EQ(one.size(), 4u);
@@ -297,7 +298,7 @@ TEST(BeamModel, WhatItCannotDescribeIsRefusedInOneSentence) {
     change(e);
     expect_input_error([&] { make_beam_bench(e, module ? conditions_of() : load); }, parts);
   };
-  refused([](Experiment& e) { e.geometry.kind = "polygons"; },
+  refused([](Experiment& e) { e.geometry.shape = make_shape("polygons"); },
           {"experiment.toml", "polygons", "push_puppet", "rectangle"});
   refused([](Experiment& e) { e.gravity_direction = {0, -1}; }, {"self-weight"});
   refused([](Experiment& e) { e.materials[0].law = "ogden_hill"; }, {"neo_hookean", "ogden_hill"});
@@ -309,7 +310,7 @@ TEST(BeamModel, WhatItCannotDescribeIsRefusedInOneSentence) {
   refused([](Experiment& e) { e.channels[0].standoff = {0, 0.01}; }, {"'tip'", "markers"});
   refused([](Experiment& e) { e.channels[0].on = "xmin"; }, {"'tip'", "'xmax'"});
   refused([](Experiment& e) { e.contact.on = true; }, {"[contact]"});
-  refused([](Experiment& e) { e.geometry.puppet.stud_length = 1e-3; }, {"studs"}, true);
+  refused([](Experiment& e) { e.geometry.edit<PushPuppet>().stud_length = 1e-3; }, {"studs"}, true);
   refused([](Experiment& e) { e.supports[0].on = "tip"; }, {"'base'"}, true);
   refused([](Experiment& e) { e.cables.cables[0].points[1][0] += 1e-4; }, {"'upper'", "own cables"}, true);
 }
@@ -317,7 +318,7 @@ TEST(BeamModel, WhatItCannotDescribeIsRefusedInOneSentence) {
 TEST(BeamModel, StartsAFitNearItsEndAndLeavesAloneWhatItDoesNotDescribe) {
   Experiment e = read_experiment(TAUT_SOURCE_DIR "/experiments/foam_cantilever/experiment.toml");
   const Trials trials = read_trials(e.bench);
-  const StaticBench bench = make_static_bench(e, e.mesh, trials);
+  const StaticReplay bench = make_static_replay(e, e.mesh, trials);
   const std::vector<FreeParameter> free = free_parameters(e, *bench.protocol), start = start_by_beams(e, trials, free);
   const FitResult result = fit(*bench.protocol, bench.measurements, free);
   ASSERT_EQ(result.status, FitStatus::converged);

@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
 
-#include "calib/benches/static_bench.hpp"
+#include "calib/benches/static_replay.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"
 
@@ -16,7 +16,7 @@ class WrongExperiment : public testing::Test {
   static void open(const std::string& path) {
     const Experiment experiment = read_experiment(path);
     const Trials trials = read_trials(experiment.bench);
-    const StaticBench bench = make_static_bench(experiment, experiment.mesh, trials);
+    const StaticReplay bench = make_static_replay(experiment, experiment.mesh, trials);
     free_parameters(experiment, *bench.protocol);
   }
 

@@ -2,7 +2,9 @@
 
 #include <gtest/gtest.h>
 
-#include "calib/benches/static_bench.hpp"
+#include "calib/benches/static_replay.hpp"
+#include "sim/shapes/grid.hpp"
+#include "sim/shapes/mesh_file.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"
 
@@ -14,15 +16,15 @@ using namespace test;
 /// Predictions of an experiment file for its bench.
 class ExperimentFile : public testing::Test {
  protected:
-  StaticBench bench_of(const std::string& toml, const std::string& csv) const {
+  StaticReplay bench_of(const std::string& toml, const std::string& csv) const {
     folder_.write("bench.csv", csv);
     const Experiment experiment = read_experiment(folder_.write("experiment.toml", toml));
-    return make_static_bench(experiment, experiment.mesh, read_trials(experiment.bench));
+    return make_static_replay(experiment, experiment.mesh, read_trials(experiment.bench));
   }
 
   /// Predicted readings, in the order of the file.
   std::vector<double> predictions(const std::string& toml, const std::string& csv) const {
-    const StaticBench bench = bench_of(toml, csv);
+    const StaticReplay bench = bench_of(toml, csv);
     const Prediction prediction = bench.protocol->predict(bench.protocol->nominal(), {});
     if (!prediction.complete()) ADD_FAILURE() << prediction.failures.front();
     std::vector<double> values;
@@ -47,9 +49,9 @@ class ExperimentFile : public testing::Test {
 TEST_F(ExperimentFile, TheSiliconeBlockIsReadInSiUnits) {
   const Experiment e = read_experiment(TAUT_SOURCE_DIR "/experiments/silicone_block/experiment.toml");
   EXPECT_FALSE(e.simulated);
-  EXPECT_EQ(e.geometry.kind, "box");
-  EXPECT_EQ(e.geometry.size, (std::vector{0.1, 0.03, 0.03}));
-  EXPECT_EQ(e.geometry.origin, (std::vector{-0.1, 0.0, 0.0}));
+  EXPECT_EQ(e.geometry.kind(), "box");
+  EXPECT_EQ(e.geometry.as<Box>().size, (std::vector{0.1, 0.03, 0.03}));
+  EXPECT_EQ(e.geometry.as<Box>().origin, (std::vector{-0.1, 0.0, 0.0}));
   EXPECT_EQ(e.mesh.cells, (std::vector{14, 5, 5}));
   EXPECT_EQ(e.mesh.order, 2);
   EXPECT_EQ(e.mesh.formulation, Formulation::locking_free);
@@ -83,7 +85,7 @@ TEST_F(ExperimentFile, TheSiliconeBlockIsReadInSiUnits) {
 
   MeshSettings coarse = e.mesh;
   coarse.cells = {4, 1, 1};
-  const StaticBench bench = make_static_bench(e, coarse, trials);
+  const StaticReplay bench = make_static_replay(e, coarse, trials);
   EXPECT_EQ(bench.protocol->row_count(), 9) << "repeats share their row";
   EXPECT_EQ(bench.protocol->conditions().size(), 3u);
   const std::vector<FreeParameter> free = free_parameters(e, *bench.protocol);
@@ -94,7 +96,7 @@ TEST_F(ExperimentFile, TheSiliconeBlockIsReadInSiUnits) {
 }
 
 TEST_F(ExperimentFile, RepeatsShareARowAndFormAGroup) {
-  const StaticBench bench = bench_of(beam_toml, beam_csv);
+  const StaticReplay bench = bench_of(beam_toml, beam_csv);
   EXPECT_EQ(bench.row_of_reading, (std::vector{0, 1, 0, 1}));
   ASSERT_EQ(bench.measurements.size(), 4u);
   EXPECT_EQ(bench.measurements[0].group, bench.measurements[2].group);
@@ -108,7 +110,7 @@ TEST_F(ExperimentFile, StartAndBoundsThatAreNotGivenComeFromTheModel) {
   const std::string toml =
       replaced(beam_toml, "start = \"50 kPa\"\nlower = \"1 kPa\"\nupper = \"10 MPa\"\n", "[fit.free.nu_foam]\n");
   const Experiment e = read_experiment(folder_.write("experiment.toml", toml));
-  const StaticBench bench = make_static_bench(e, e.mesh, read_trials(e.bench));
+  const StaticReplay bench = make_static_replay(e, e.mesh, read_trials(e.bench));
   const std::vector<FreeParameter> free = free_parameters(e, *bench.protocol);
   ASSERT_EQ(free.size(), 2u);
   for (const FreeParameter& parameter : free) {
@@ -156,7 +158,7 @@ TEST_F(ExperimentFile, AConstantLoadIsAColumnWithTheSameValue) {
   const std::string constant = replaced(beam_toml, "column = \"pull_N\"", "value = \"50 mN\"");
   const std::string idle = "\n[[load]]\nid = \"idle\"\non = \"ymax\"\ndirection = [0, -1]\ncolumn = \"idle_N\"\n";
   expect_equal(beam_toml, "trial,pull_N,tip_mm\na,0.05,1\n", constant + idle, "trial,idle_N,tip_mm\na,0,1\n");
-  const StaticBench bench = bench_of(constant + idle, "trial,idle_N,tip_mm\na,0,1\n");
+  const StaticReplay bench = bench_of(constant + idle, "trial,idle_N,tip_mm\na,0,1\n");
   EXPECT_EQ(bench.protocol->controls().size(), 1u) << "a constant load is not a control";
 }
 
@@ -311,7 +313,7 @@ TEST_F(ExperimentFile, AMeshFileIsReadBesideTheExperimentInItsUnit) {
       "\"stress\"\n";
   const std::string rest = material("bar", "100 kPa", "0.0") + "[[support]]\non = \"xmin\"\nfix = [\"x\", \"y\"]\n";
   for (const std::string element : {"linear", "quadratic"}) {
-    const StaticBench bench = bench_of(bar(geometry, "element = \"" + element + "\"\n", rest), bar_csv);
+    const StaticReplay bench = bench_of(bar(geometry, "element = \"" + element + "\"\n", rest), bar_csv);
     EXPECT_EQ(bench.protocol->scene().model->mesh().node_count(), element == "linear" ? 4 : 9);
     EXPECT_NEAR(bench.protocol->predict(bench.protocol->nominal(), {}).values[0], kStretch, 1e-3 * kStretch);
   }
@@ -351,8 +353,10 @@ $EndElements
 )");
   Experiment experiment;
   experiment.path = "experiment.toml";
-  experiment.geometry.kind = "msh";
-  experiment.geometry.file = folder_ / "bar.msh";
+  MeshFile bar;
+  bar.file.path = folder_ / "bar.msh";
+  bar.axes = 2;
+  experiment.geometry.shape = std::make_shared<MeshFile>(bar);
   experiment.geometry.dimension = 2;
   experiment.mesh.order = 1;
   expect_input_error([&] { make_mesh(experiment, experiment.mesh); },

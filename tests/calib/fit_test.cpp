@@ -4,6 +4,7 @@
 
 #include <random>
 
+#include "calib/benches/static_protocol.hpp"
 #include "sim/mesh/structured.hpp"
 #include "sim/mesh/weights.hpp"
 #include "tests/support/closed_form_protocol.hpp"

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "calib/fit/fit.hpp"
+#include "sim/shapes/grid.hpp"
 #include "tests/support/push_puppet.hpp"
 
 // The selector on problems made so that one rung is the right one, and on the module's bench, against the full model.
@@ -18,7 +19,7 @@ struct Beam {
 Beam beam(double length, double height, double thickness, double nu, const std::vector<int>& cells) {
   Beam made{read_experiment(TAUT_SOURCE_DIR "/experiments/foam_cantilever/experiment.toml"), {}};
   Experiment& e = made.experiment;
-  e.geometry.size = {length, height};
+  e.geometry.edit<Rectangle>().size = {length, height};
   e.geometry.thickness = thickness;
   e.mesh.cells = cells;
   e.materials[0].constants["nu"] = nu;
@@ -38,12 +39,12 @@ Beam beam(double length, double height, double thickness, double nu, const std::
 }
 
 struct Climbed {
-  StaticBench full;
+  StaticReplay full;
   Ladder ladder;
 };
 
 Climbed climbed(const Experiment& experiment, const Trials& trials) {
-  Climbed made{make_static_bench(experiment, experiment.mesh, trials), {}};
+  Climbed made{make_static_replay(experiment, experiment.mesh, trials), {}};
   made.ladder = climb(experiment, trials, made.full);
   std::printf("%s\n", made.ladder.sentence.c_str());
   return made;
@@ -102,7 +103,7 @@ TEST(Ladder, AWidePlateOfRubberNeedsTheSolid) {
   const Prediction solid = result.ladder.protocol->predict(result.ladder.protocol->nominal(), {});
   Experiment stress = made.experiment;
   stress.geometry.plane = Plane::stress;
-  const StaticBench soft = make_static_bench(stress, stress.mesh, made.trials);
+  const StaticReplay soft = make_static_replay(stress, stress.mesh, made.trials);
   const Prediction strain = result.full.protocol->predict(result.full.protocol->nominal(), {}),
                    thin = soft.protocol->predict(soft.protocol->nominal(), {});
   for (Eigen::Index r = 0; r < 4; ++r) {
@@ -162,7 +163,7 @@ TEST(Ladder, ContactIsLookedForOnlyOnceAGapCloses) {
   const Climbed result = climbed(e, trials);
   expect_all(result.ladder, Rung::rigid_segments);
   e.model = Rung::rigid_segments;
-  const StaticBench with = make_static_bench(e, e.mesh, trials);
+  const StaticReplay with = make_static_replay(e, e.mesh, trials);
   const ParameterTable& table = result.full.protocol->parameters();
   Params open = result.full.protocol->nominal(), closed = open;
   closed[table.index("slack")] = -13e-3;  // as much as further retraction

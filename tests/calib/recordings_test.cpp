@@ -107,7 +107,7 @@ TEST(Recordings, SamplesAreThoseOfTheWindowInSiUnitsFromTheMeanBeforeTimeZero) {
                      "time_ms,tip_mm\n-2,1\n-1,3\n0,2.5\n10,-4\n");
   test::expect_input_error([&] { read_samples(read_experiment(files.path)); }, {"two.csv", "heavy_b", "before time 0"});
   const Folder plain(good);
-  EXPECT_TRUE(has_recordings(plain.path));
+  EXPECT_TRUE(read_experiment(plain.path).recordings.has_value());
   const std::vector<Sample> samples = read_samples(read_experiment(plain.path));
   ASSERT_EQ(samples.size(), 6u);
   EXPECT_EQ(samples[0].time, -0.002);
@@ -129,7 +129,7 @@ TEST(Recordings, SamplesAreThoseOfTheWindowInSiUnitsFromTheMeanBeforeTimeZero) {
 TEST(Recordings, EachRecordingHasItsReleaseItsHoldAndEachCaseItsDamping) {
   const Folder files(good);
   const Experiment experiment = read_experiment(files.path);
-  const RecordingBench bench = make_recording_bench(experiment, experiment.mesh, read_samples(experiment));
+  const RecordingReplay bench = make_recording_replay(experiment, experiment.mesh, read_samples(experiment));
   const ParameterTable& table = bench.protocol->parameters();
   const Params& p = bench.protocol->nominal();
   EXPECT_EQ(p[table.index("release_light")], 0.002);

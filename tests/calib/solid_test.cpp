@@ -1,3 +1,4 @@
+#include "sim/shapes/grid.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/push_puppet.hpp"
 
@@ -7,7 +8,7 @@ namespace {
 
 Experiment cantilever(double thickness, Plane plane) {
   Experiment e = read_experiment(TAUT_SOURCE_DIR "/experiments/foam_cantilever/experiment.toml");
-  e.geometry.size = {0.08, 0.01};
+  e.geometry.edit<Rectangle>().size = {0.08, 0.01};
   e.geometry.thickness = thickness;
   e.geometry.plane = plane;
   e.mesh.cells = {16, 2};
@@ -27,7 +28,7 @@ Trials one_load(double force) {
 }
 
 Eigen::VectorXd predicted(const Experiment& experiment, const Trials& trials) {
-  const StaticBench bench = make_static_bench(experiment, experiment.mesh, trials);
+  const StaticReplay bench = make_static_replay(experiment, experiment.mesh, trials);
   const Prediction prediction = bench.protocol->predict(bench.protocol->nominal(), {});
   for (const std::string& failure : prediction.failures) ADD_FAILURE() << failure;
   return prediction.values;
@@ -45,10 +46,12 @@ TEST(Solid, AWideCantileverLiesBetweenPlaneStressAndPlaneStrainWhereTheFullBodyD
 
   Experiment box = solid;
   box.mesh.depth_cells = 0;
-  box.geometry.kind = "box";
+  Box body;
+  body.size = {0.08, 0.01, thickness};
+  body.origin = {0, 0, -thickness / 2};
+  body.region = solid.geometry.as<Rectangle>().region;
+  box.geometry.shape = std::make_shared<Box>(body);
   box.geometry.dimension = 3;
-  box.geometry.size = {0.08, 0.01, thickness};
-  box.geometry.origin = {0, 0, -thickness / 2};
   box.mesh.cells = {16, 2, 6};
   box.supports[0].fix = {0, 1, 2};
   box.loads[0].direction = box.channels[0].direction = {0, -1, 0};
@@ -95,7 +98,7 @@ TEST(Solid, WithItsSideHeldItIsInPlaneStrainWhateverTheLoad) {
 Experiment coarse_module(int order) {
   Experiment e = reference_module(order);
   e.mesh.size = 5e-3;
-  e.mesh.lip_cells = 1;
+  e.mesh.counts["lip_cells"] = 1;
   return e;
 }
 
@@ -114,7 +117,7 @@ TEST(SlowSolid, AClosedModuleWithLinearElementsCarriesALoad) {
   Experiment e = coarse_module(1);
   e.mesh.depth_cells = 2;
   const Trials trials = conditions_of({18e-3}, {0.1});
-  const StaticBench bench = make_static_bench(e, e.mesh, trials);
+  const StaticReplay bench = make_static_replay(e, e.mesh, trials);
   const StaticProtocol& protocol = *bench.protocol;
   const Prediction prediction = bench.protocol->predict(protocol.nominal(), {});
   ASSERT_TRUE(prediction.complete()) << prediction.failures.front();
@@ -132,7 +135,7 @@ TEST(SlowSolid, AClosedModuleWithLinearElementsCarriesALoad) {
 TEST(Solid, TheThicknessIsNoParameterOfASolid) {
   Experiment e = cantilever(0.01, Plane::strain);
   e.mesh.depth_cells = 1;
-  const StaticBench bench = make_static_bench(e, e.mesh, one_load(1e-3));
+  const StaticReplay bench = make_static_replay(e, e.mesh, one_load(1e-3));
   EXPECT_FALSE(bench.protocol->parameters().contains("thickness"));
   EXPECT_TRUE(bench.protocol->parameters().contains("E_foam"));
   FreeSettings thickness;

@@ -62,7 +62,7 @@ TEST(Stability, APerfectColumnAboveItsBucklingLoadWithoutTheTestForAMinimumIsASa
 TEST(Stability, FullStepsThatTurnElementsInsideOutAreInvertedAndTooFewIterationsDiverged) {
   const Problem problem = problem_a1(4, 2);
   EquilibriumOptions full{.max_halvings = 0};
-  full.line_search = LineSearch::none;
+  full.comparison.line_search = LineSearch::none;
   EXPECT_EQ(judged(problem.scene, loaded(problem, 20), full).outcome, Outcome::inverted);
   EXPECT_EQ(judged(problem.scene, loaded(problem, 20), {.max_iterations = 3, .max_halvings = 0}).outcome,
             Outcome::diverged);
@@ -154,26 +154,23 @@ StabilityMap counted(int& runs) {
 
 TEST(Stability, AChartThatWasStoppedGoesOnWithoutRepeatingWhatIsDone) {
   TemporaryFolder folder;
-  const std::string path = folder / "stability.csv";
   int runs = 0;
-  const std::vector<StabilityMap> maps{counted(runs)};
   std::atomic<bool> stop = false;
-  StabilityOptions options;
-  options.stop = &stop;
-  options.progress = [&](const StabilityMap&, size_t done) { stop = done >= 5; };
-  {
-    StabilityStore store(path, "this");
-    const auto first = run_stability(maps, store, options);
-    EXPECT_EQ(runs, 5);
-    EXPECT_EQ(std::count_if(first[0].begin(), first[0].end(), [](const auto& run) { return run.has_value(); }), 5);
-  }
+  std::vector<StabilityMap> maps{counted(runs)};
+  StudyOptions options{300, folder / "stability.csv", "this", &stop, {}};
+  options.progress = [&](const std::string&, size_t done, size_t all) {
+    EXPECT_EQ(all, 12u);
+    stop = done >= 4;
+  };
+  const auto first = run_stability(maps, options);
+  EXPECT_EQ(runs, 5) << "the one that was begun is finished";
+  EXPECT_EQ(std::count_if(first[0].begin(), first[0].end(), [](const auto& run) { return run.has_value(); }), 5);
   // The last line was cut off while it was written.
-  std::string text = text_of(path);
+  std::string text = text_of(options.file);
   folder.write("stability.csv", text.substr(0, text.size() - 4));
   stop = false;
   options.progress = nullptr;
-  StabilityStore store(path, "this");
-  const auto all = run_stability(maps, store, options);
+  const auto all = run_stability(maps, options);
   EXPECT_EQ(runs, 5 + 8) << "seven new ones, and the one that was cut off";
   for (size_t m = 0; m < 2; ++m) {
     for (size_t x = 0; x < 3; ++x) {
@@ -186,26 +183,29 @@ TEST(Stability, AChartThatWasStoppedGoesOnWithoutRepeatingWhatIsDone) {
       }
     }
   }
-  StabilityStore again(path, "this");
-  EXPECT_EQ(run_stability(maps, again, options)[0].size(), 12u);
+  EXPECT_EQ(run_stability(maps, options)[0].size(), 12u);
   EXPECT_EQ(runs, 5 + 8) << "all of them are in the file";
-  // Another content of the experiment file: nothing of this counts.
-  StabilityStore other(path, "that");
-  EXPECT_FALSE(other.find(maps[0], 0, 0, 0));
+  options.fingerprint = "that";
+  options.budget = 0;
+  EXPECT_FALSE(run_stability(maps, options)[0][0]) << "another content of the experiment file: nothing of this counts";
 }
 
-TEST(Stability, WithoutTimeNothingIsRunAndWhatIsThereIsRead) {
+TEST(Stability, WithoutTimeNothingIsRunAndWhatIsThereIsReadFromOlderTablesToo) {
   TemporaryFolder folder;
   int runs = 0;
   const std::vector<StabilityMap> maps{counted(runs)};
-  StabilityStore store(folder / "stability.csv", "this");
-  store.add(maps[0], 1, 2, 1, {Outcome::cut_back, 7, 8, 0.5});
-  StabilityOptions options;
-  options.budget = 0;
-  const auto found = run_stability(maps, store, options);
+  const std::string path = folder.write("stability.csv",
+                                        "map,method,x,y,outcome,iterations,factorisations,error,fingerprint\n"
+                                        "counted,another; with a comma,3,b,cut back,7,8,0.5,this\n"
+                                        "counted,one,3,b,no such outcome,7,8,0.5,this\n");
+  const auto found = run_stability(maps, {0, path, "this", nullptr, {}});
   EXPECT_EQ(runs, 0);
-  ASSERT_TRUE(found[0][maps[0].cell(1, 2, 1)]);
-  EXPECT_EQ(found[0][maps[0].cell(1, 2, 1)]->outcome, Outcome::cut_back);
+  const auto& run = found[0][maps[0].cell(1, 2, 1)];
+  ASSERT_TRUE(run);
+  EXPECT_EQ(run->outcome, Outcome::cut_back);
+  EXPECT_EQ(run->iterations, 7);
+  EXPECT_EQ(run->error, 0.5);
+  EXPECT_FALSE(found[0][maps[0].cell(0, 2, 1)]);
   EXPECT_FALSE(found[0][maps[0].cell(0, 0, 0)]);
 }
 

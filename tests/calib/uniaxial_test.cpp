@@ -144,26 +144,25 @@ modes = ["compression"]
 TEST(Uniaxial, ExperimentFilesAreRead) {
   const TemporaryFolder folder;
   const std::string path = written(folder);
-  EXPECT_TRUE(is_uniaxial(path));
-  EXPECT_FALSE(is_uniaxial(path + ".missing"));
-  const UniaxialExperiment experiment = read_uniaxial(path);
-  EXPECT_EQ(experiment.common.materials.front().constants.at("alpha"), 8);
+  const Experiment experiment = read_experiment(path);
+  EXPECT_TRUE(experiment.material_point);
+  EXPECT_EQ(experiment.materials.front().constants.at("alpha"), 8);
   ASSERT_EQ(experiment.variants.size(), 1u);
   EXPECT_EQ(experiment.variants[0].constants.at("E"), 1e5) << "the material's own where the variant gives none";
   EXPECT_EQ(experiment.variants[0].constants.count("alpha"), 0u);
-  EXPECT_EQ(experiment.variants[0].modes, std::vector{PointMode::compression});
-  const Trials trials = read_trials(experiment.common.bench);
-  const UniaxialBench bench = make_uniaxial_bench(experiment.common.bench, trials);
+  EXPECT_EQ(experiment.variants[0].modes, std::vector<std::string>{"compression"});
+  const Trials trials = read_trials(experiment.bench);
+  const PointReplay bench = make_point_replay(experiment.bench, trials);
   ASSERT_EQ(bench.rows.size(), 3u);
   EXPECT_EQ(bench.rows[1].mode, PointMode::compression);
   EXPECT_NEAR(bench.rows[1].strain, -0.1, 1e-15);
   EXPECT_NEAR(bench.measurements[1].value, -9000, 1e-9);
   EXPECT_NEAR(bench.measurements[1].sigma, std::hypot(1000.0, 450.0), 1e-9);
-  const MaterialSettings& material = experiment.common.materials.front();
+  const MaterialSettings& material = experiment.materials.front();
   const UniaxialProtocol main(material.region, material.law, material.constants, bench.rows);
-  EXPECT_EQ(free_parameters_of_law(experiment.common, main).size(), 2u);
+  EXPECT_EQ(free_parameters_of_law(experiment, main).size(), 2u);
   const UniaxialProtocol other(material.region, "neo_hookean", experiment.variants[0].constants, bench.rows);
-  const std::vector<FreeParameter> free = free_parameters_of_law(experiment.common, other);
+  const std::vector<FreeParameter> free = free_parameters_of_law(experiment, other);
   ASSERT_EQ(free.size(), 1u) << "a law without alpha";
   EXPECT_NEAR(free[0].start, 9e4, 1e-9);
 }
@@ -172,7 +171,7 @@ TEST(Uniaxial, WrongExperimentFilesAreRefused) {
   const TemporaryFolder folder;
   const auto expect = [&](const std::string& from, const std::string& to, const std::vector<std::string>& parts) {
     const std::string path = written(folder, from, to);
-    expect_input_error([&] { read_uniaxial(path); }, parts);
+    expect_input_error([&] { read_experiment(path); }, parts);
   };
   expect("alpha = 8", "alpha = 80", {"alpha", "outside the physical range"});
   expect("noise = { absolute = \"1 kPa\", relative = \"5 %\" }\n", "", {"no noise", "'sigma'"});
@@ -180,16 +179,14 @@ TEST(Uniaxial, WrongExperimentFilesAreRefused) {
   expect("law = \"ogden_hill\"", "law = \"ogden\"", {"'ogden'", "ogden_hill"});
   expect("[fit.free.alpha_foam]", "[mesh]", {"mesh"});
   expect("strain = \"strain_%\"\n", "", {"'strain' is missing"});
-  const std::string path = written(folder);
-  expect_input_error([&] { read_experiment(path); }, {"uniaxial", "no mesh", "taut fit"});
 }
 
 TEST(Uniaxial, StrainsOfTheWrongSignAreRefused) {
   for (const char* row : {"tension,-10,9", "compression,10,-9", "compression,-100,-9"}) {
     const TemporaryFolder folder;
     const std::string path = written(folder, "", "", std::string("mode,strain_%,stress_kPa\n") + row + "\n");
-    const BenchFormat format = read_uniaxial(path).common.bench;
-    expect_input_error([&] { make_uniaxial_bench(format, read_trials(format)); }, {"line 2", "engineering strain"});
+    const BenchFormat format = read_experiment(path).bench;
+    expect_input_error([&] { make_point_replay(format, read_trials(format)); }, {"line 2", "engineering strain"});
   }
 }
 

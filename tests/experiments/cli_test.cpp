@@ -1,6 +1,4 @@
 #include <gtest/gtest.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include <chrono>
 #include <cmath>
@@ -9,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
+#include "tests/support/command.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/small_robot.hpp"
 
@@ -19,48 +18,6 @@ namespace {
 using namespace test;
 using nlohmann::json;
 namespace fs = std::filesystem;
-
-struct Outcome {
-  int code = -1;
-  std::string out, err;
-};
-
-/// Starts the program with its streams in files; returns its process.
-pid_t start(const std::vector<std::string>& arguments, const std::string& folder) {
-  std::vector<std::string> words{TAUT_BINARY};
-  words.insert(words.end(), arguments.begin(), arguments.end());
-  std::vector<char*> argv;
-  for (std::string& word : words) argv.push_back(word.data());
-  argv.push_back(nullptr);
-  std::fflush(nullptr);  // or the child would write what is buffered again
-  const pid_t child = fork();
-  if (child == 0) {
-    const bool ready = chdir(folder.c_str()) == 0 && std::freopen("stdout.txt", "w", stdout) != nullptr &&
-                       std::freopen("stderr.txt", "w", stderr) != nullptr;
-    if (ready) execv(argv[0], argv.data());
-    _exit(127);
-  }
-  return child;
-}
-
-Outcome finish(pid_t child, const std::string& folder) {
-  int status = 0;
-  waitpid(child, &status, 0);
-  Outcome outcome;
-  outcome.code = WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
-  outcome.out = text_of(folder + "/stdout.txt");
-  outcome.err = text_of(folder + "/stderr.txt");
-  return outcome;
-}
-
-Outcome run_in(const std::string& folder, const std::vector<std::string>& arguments) {
-  return finish(start(arguments, folder), folder);
-}
-
-void expect_holds(const std::string& text, const std::vector<std::string>& parts) {
-  for (const std::string& part : parts)
-    EXPECT_NE(text.find(part), std::string::npos) << part << " is not in:\n" << text;
-}
 
 /// The small beam with readings that the program itself made: E = 80 kPa, rounded to 10 um.
 class Command : public testing::Test {
@@ -231,7 +188,7 @@ TEST_F(Command, ReplayWritesItsTableToStdoutAndItsProgressToStderr) {
   const Outcome outcome = taut({"replay", experiment_, "--out", folder_ / "replay"});
   EXPECT_EQ(outcome.code, 0) << outcome.err;
   expect_holds(outcome.out, {"SIMULATED DATA", "measured", "predicted", "50 mN"});
-  expect_holds(outcome.err, {"replaying 2 conditions", "factorisations"});
+  expect_holds(outcome.err, {"in 2 conditions", "factorisations"});
   EXPECT_EQ(outcome.out.find("factorisations"), std::string::npos);
   const std::string csv = text_of(folder_ / "replay/predictions.csv");
   EXPECT_EQ(std::count(csv.begin(), csv.end(), '\n'), 5) << csv;

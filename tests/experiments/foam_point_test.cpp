@@ -65,11 +65,13 @@ TEST(FoamPoint, FitsBothLawsAsItsReadmeSays) {
   EXPECT_EQ(text_of(folder / "run/predictions.csv"), before);
 }
 
-TEST(FoamPoint, CheckSaysWhatItIsAndOtherCommandsWhatToUse) {
+TEST(FoamPoint, CheckSaysWhatItIsReplayPredictsItAndDrawSaysWhatToUse) {
   const TemporaryFolder folder;
   ASSERT_EQ(taut("check '" + experiment + "'", folder), 0) << text_of(folder / "err.txt");
   EXPECT_NE(text_of(folder / "out.txt").find("12 readings, strains from -60 to -3 %"), std::string::npos);
-  EXPECT_EQ(taut("replay '" + experiment + "'", folder), 2);
+  EXPECT_EQ(taut("replay '" + experiment + "' --out replay", folder), 0);
+  EXPECT_NE(text_of(folder / "replay/predictions.csv").find("predicted_Pa"), std::string::npos);
+  EXPECT_EQ(taut("draw '" + experiment + "'", folder), 2);
   EXPECT_NE(text_of(folder / "err.txt").find("`taut fit`"), std::string::npos);
 }
 

@@ -69,14 +69,14 @@ TEST(Diagnostic, FailedPartsAreCountedAndSayNothing) {
 }
 
 TEST(Diagnostic, TheReportHasATableOfThePartsAndWhatItMeans) {
-  const std::string html = report_html(with_values({65e3, 62e3, 57e3, 50e3}), {});
+  const std::string html = report_html(with_values({65e3, 62e3, 57e3, 50e3}));
   for (const char* text : {"From each retraction alone", "<td>retraction = 5.89 mm</td>", "62.0 ± 1.0 kPa", ">-11.3<",
                            ">+3.7<", "all readings", "the foam softens under compression"}) {
     EXPECT_TRUE(contains(html, text)) << text;
   }
   RunRecord record = test::push_puppet_module();
   record.diagnostics.clear();
-  EXPECT_FALSE(contains(report_html(record, {}), "alone</h3>"));
+  EXPECT_FALSE(contains(report_html(record), "alone</h3>"));
   record.diagnostics = {{"E_other", "retraction = 0 mm", 1, 1, 1, 1}};  // not a fitted parameter: no unit to show it in
   EXPECT_TRUE(diagnostic_groups(record).empty());
 }
@@ -84,16 +84,16 @@ TEST(Diagnostic, TheReportHasATableOfThePartsAndWhatItMeans) {
 TEST(Diagnostic, LackOfFitComesWithWhatToTry) {
   RunRecord record = test::push_puppet_module();
   record.fit.lack_of_fit.p_value = 0.049;
-  std::string html = report_html(record, {});
+  std::string html = report_html(record);
   EXPECT_TRUE(contains(html, "What to try, one at a time: what the table of each retraction alone says"));
   EXPECT_TRUE(contains(html, "rotation_stiffness"));
   record.diagnostics.clear();
-  EXPECT_TRUE(contains(report_html(record, {}), "a [fit.diagnostic] table"));
-  record.material_point = true;
+  EXPECT_TRUE(contains(report_html(record), "a [fit.diagnostic] table"));
+  record.controls = {make_axis("strain", Quantity::pure, "engineering strain")};
   EXPECT_TRUE(contains(remedy_for_lack_of_fit(record), "[[fit.variant]] with another law"));
   record.fit.lack_of_fit.p_value = 0.051;
   EXPECT_EQ(remedy_for_lack_of_fit(record), "");
-  EXPECT_FALSE(contains(report_html(record, {}), "What to try"));
+  EXPECT_FALSE(contains(report_html(record), "What to try"));
 }
 
 }  // namespace

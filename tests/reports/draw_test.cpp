@@ -4,7 +4,7 @@
 
 #include <filesystem>
 
-#include "calib/benches/static_bench.hpp"
+#include "calib/benches/static_replay.hpp"
 #include "reports/dimensions.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"

@@ -80,11 +80,11 @@ std::vector<std::string> attributes(const std::string& html, const std::string& 
 }
 
 std::string html_of(const RunRecord& record) {
-  return report_html(record, {});
+  return report_html(record);
 }
 
 TEST_F(ReportTest, EveryFigureExistsInThreeFormatsWithItsNumbersAndScript) {
-  const std::vector<Figure> figures = draw_figures(test::hanging_block(), folder());
+  const std::vector<Figure> figures = write_report(test::hanging_block(), folder());
   std::vector<std::string> names;
   for (const Figure& figure : figures) {
     names.push_back(figure.name);
@@ -99,8 +99,8 @@ TEST_F(ReportTest, EveryFigureExistsInThreeFormatsWithItsNumbersAndScript) {
     EXPECT_TRUE(std::filesystem::exists(file(stem + ".csv")));
     EXPECT_TRUE(contains(read_file(file(stem + ".gp")), "plot "));
   }
-  EXPECT_EQ(names, (std::vector<std::string>{"force_displacement", "effective_stiffness", "residuals",
-                                             "deformed_shapes", "variants"}));
+  EXPECT_EQ(names, (std::vector<std::string>{"force_displacement", "residuals", "effective_stiffness", "variants",
+                                             "deformed_shapes"}));
   const auto force = rows("figures/force_displacement.csv");
   EXPECT_EQ(count(force, "reading"), 18);
   EXPECT_EQ(count(force, "curve"), 3 * 41);
@@ -115,7 +115,7 @@ TEST_F(ReportTest, EveryFigureExistsInThreeFormatsWithItsNumbersAndScript) {
 TEST_F(ReportTest, ShapesOfSeveralMaterialsOrHeldValuesArePanelsWithFilledRegionsAndCables) {
   const RunRecord record = test::push_puppet_module();
   std::string svg;
-  for (const Figure& figure : draw_figures(record, folder())) svg += figure.name == "deformed_shapes" ? figure.svg : "";
+  for (const Figure& figure : write_report(record, folder())) svg += figure.name == "deformed_shapes" ? figure.svg : "";
   for (const char* text : {"retraction 0 mm", "retraction 17.2 mm", "mass 0 g", "mass 500 g", "foam", "plastic",
                            "cable", "outline at rest", "SIMULATED DATA"}) {
     EXPECT_TRUE(contains(svg, text)) << text;
@@ -134,7 +134,7 @@ TEST_F(ReportTest, MoreConditionsThanFitArePickedAndTheCaptionSaysSo) {
     record.shapes.push_back(shape);
     record.shapes.back().column = "mass " + std::to_string(600 + i) + " g";
   }
-  for (const Figure& figure : draw_figures(record, folder())) {
+  for (const Figure& figure : write_report(record, folder())) {
     if (figure.name != "deformed_shapes") continue;
     EXPECT_TRUE(contains(figure.caption, "24 of 100 conditions are shown")) << figure.caption;
     EXPECT_TRUE(contains(figure.svg, "mass 0 g"));
@@ -146,7 +146,7 @@ TEST_F(ReportTest, ProfilesAreDrawnAndAnOpenIntervalIsDrawnAndSaidAsOpen) {
   RunRecord record = test::push_puppet_module();
   const auto profiles = [&] {
     Figure found;
-    for (const Figure& figure : draw_figures(record, folder())) {
+    for (const Figure& figure : write_report(record, folder())) {
       if (figure.name == "profiles") found = figure;
     }
     return found;
@@ -190,7 +190,7 @@ TEST_F(ReportTest, DiagnosticsAreDrawnBesideTheWholeFit) {
   RunRecord record = test::push_puppet_module();
   record.diagnostics[2].value = record.diagnostics[2].standard_error = std::numeric_limits<double>::quiet_NaN();
   std::string svg;
-  for (const Figure& figure : draw_figures(record, folder())) svg += figure.name == "diagnostic" ? figure.svg : "";
+  for (const Figure& figure : write_report(record, folder())) svg += figure.name == "diagnostic" ? figure.svg : "";
   for (const char* text : {"From each retraction alone", "retraction = 5.89 mm", "retraction = 11.79 mm (failed)",
                            "whole fit", "E_foam [kPa]", "SIMULATED DATA"}) {
     EXPECT_TRUE(contains(svg, text)) << text;
@@ -209,10 +209,10 @@ TEST_F(ReportTest, ATrendIsAPolynomialThroughEachSeriesOnRequest) {
     const double stiffness = 100 + 20 * load + 5 * load * load;  // which a parabola meets
     test::add_reading(record, "1", "tip", load, load / stiffness, 1e-4, load / stiffness);
   }
-  draw_figures(record, folder());
+  write_report(record, folder());
   EXPECT_EQ(count(rows("figures/effective_stiffness.csv"), "trend"), 0);
   record.trend_degree = 2;
-  draw_figures(record, folder());
+  write_report(record, folder());
   int points = 0;
   for (auto row : rows("figures/effective_stiffness.csv")) {
     if (row["kind"] != "trend") continue;
@@ -222,7 +222,7 @@ TEST_F(ReportTest, ATrendIsAPolynomialThroughEachSeriesOnRequest) {
   }
   EXPECT_EQ(points, 41);
   record.trend_degree = 7;  // more than the four loads can tell: the cubic through them
-  draw_figures(record, folder());
+  write_report(record, folder());
   for (auto row : rows("figures/effective_stiffness.csv")) {
     if (row["kind"] == "trend" && row["load_N"] == "2.5") {
       EXPECT_NEAR(std::stod(row["stiffness_N_per_m"]), 100 + 50 + 5 * 6.25, 1e-6);
@@ -236,11 +236,11 @@ TEST_F(ReportTest, FiguresWithNothingToShowAreLeftOut) {
   record.variants.clear();
   record.references.clear();
   std::vector<std::string> names;
-  for (const Figure& figure : draw_figures(record, folder())) names.push_back(figure.name);
-  EXPECT_EQ(names, (std::vector<std::string>{"force_displacement", "effective_stiffness", "residuals"}));
+  for (const Figure& figure : write_report(record, folder())) names.push_back(figure.name);
+  EXPECT_EQ(names, (std::vector<std::string>{"force_displacement", "residuals", "effective_stiffness"}));
   record.load_newtons.clear();
   names.clear();
-  for (const Figure& figure : draw_figures(record, folder())) names.push_back(figure.name);
+  for (const Figure& figure : write_report(record, folder())) names.push_back(figure.name);
   EXPECT_EQ(names, (std::vector<std::string>{"residuals"}));
 }
 
@@ -250,7 +250,7 @@ TEST_F(ReportTest, StiffnessIsForceOverDisplacementWithItsErrorCarriedOver) {
   test::add_reading(record, "a", "tip", 2, -0.004, 1e-4, -0.004);
   test::add_reading(record, "b", "tip", 2, 0, 1e-4, -0.004);  // no displacement, no stiffness
   record.curves = {{"tip", "", {0, 2}, {0, -0.004}, {0, 4e-5}}};
-  draw_figures(record, folder());
+  write_report(record, folder());
   auto all = rows("figures/effective_stiffness.csv");
   ASSERT_EQ(all.size(), 2u);
   EXPECT_EQ(all[0]["displacement_mm"], "4");
@@ -270,9 +270,9 @@ TEST_F(ReportTest, WithReadingsAtZeroLoadStiffnessIsThatOfTheIncrement) {
   test::add_reading(record, "a", "tip", 1, -0.0262, 6e-4, -0.0270);
   record.curves = {{"tip", "", {0, 1}, {-0.007, -0.027}, {1e-4, 4e-4}, {0, 3e-4}}};
   record.readings[0].prediction_se = record.readings[1].prediction_se = 1e-4;
-  const std::vector<Figure> figures = draw_figures(record, folder());
-  ASSERT_EQ(figures[1].name, "effective_stiffness");
-  EXPECT_TRUE(contains(figures[1].caption, "increment beyond self-weight"));
+  const std::vector<Figure> figures = write_report(record, folder());
+  ASSERT_EQ(figures[2].name, "effective_stiffness");
+  EXPECT_TRUE(contains(figures[2].caption, "increment beyond self-weight"));
   auto all = rows("figures/effective_stiffness.csv");
   ASSERT_EQ(all.size(), 2u);
   // delta = 26.2 - 6.2 = 20 mm; its sigma^2 = 0.6^2 + (0.3^2 + 0.4^2) / 4 = 0.65^2 mm^2; k = 50; sigma_k = 0.65 / 0.4
@@ -284,7 +284,7 @@ TEST_F(ReportTest, WithReadingsAtZeroLoadStiffnessIsThatOfTheIncrement) {
   EXPECT_NEAR(std::stod(all[1]["sigma_N_per_m"]), 0.75, 1e-9);
 
   record.curves[0].increment_se.clear();  // correlation not known: at most 0.1 + 0.4 mm
-  EXPECT_TRUE(contains(draw_figures(record, folder())[1].caption, "largest possible width"));
+  EXPECT_TRUE(contains(write_report(record, folder())[2].caption, "largest possible width"));
   all = rows("figures/effective_stiffness.csv");
   EXPECT_NEAR(std::stod(all[1]["sigma_N_per_m"]), 1.25, 1e-9);
 }
@@ -294,7 +294,7 @@ TEST_F(ReportTest, NamesWithQuotesCommasAndMarkupAreDrawnAsText) {
   record.title = "It's \"100 %\" <b>safe</b>; `ls` $x, {y} \\ \n\"; system(\"touch hacked\") #";
   record.load_label = "load 'P'";
   for (ReadingRecord& reading : record.readings) reading.trial = "first, \"good\" '" + reading.trial + "'";
-  EXPECT_EQ(draw_figures(record, folder()).size(), 5u);
+  EXPECT_EQ(write_report(record, folder()).size(), 5u);
   EXPECT_FALSE(std::filesystem::exists(file("figures/hacked")));
   EXPECT_TRUE(contains(read_file(file("figures/residuals.csv")), "\"first, \"\"good\"\" 'a'\""));
 }
@@ -340,7 +340,7 @@ TEST_F(ReportTest, AFailingGnuplotIsQuoted) {
   std::filesystem::permissions(file("bin/gnuplot"), std::filesystem::perms::owner_all);
   const std::string path = std::getenv("PATH");
   setenv("PATH", (file("bin") + ":" + path).c_str(), 1);
-  expect_input_error([&] { draw_figures(test::hanging_block(), folder()); },
+  expect_input_error([&] { write_report(test::hanging_block(), folder()); },
                      {"force_displacement.gp", "line 3: unknown or ambiguous terminal name", "pdfcairo"});
   setenv("PATH", path.c_str(), 1);
 }
@@ -372,7 +372,7 @@ TEST_F(ReportTest, IdsAreUniqueAndReferencesFindThem) {
 
 TEST_F(ReportTest, SimulatedDataAreCalledSoEverywhere) {
   RunRecord record = test::tendon_finger();
-  for (const Figure& figure : draw_figures(record, folder())) {
+  for (const Figure& figure : write_report(record, folder())) {
     EXPECT_TRUE(contains(figure.title, "SIMULATED DATA")) << figure.name;
     EXPECT_TRUE(contains(figure.svg, "SIMULATED DATA")) << figure.name;
   }
@@ -433,16 +433,54 @@ TEST_F(ReportTest, TextIsEscaped) {
   record.remarks = {nasty};
   record.setup = {{nasty, nasty}};
   record.readings[0].trial = record.readings[0].channel = nasty;
-  record.provenance.inputs = {{nasty, nasty}};
+  record.channels.push_back(make_axis(nasty, Quantity::length, nasty));
+  record.provenance.inputs = {{nasty, nasty, nasty}};
   const std::string html = html_of(record);
   EXPECT_FALSE(contains(html, "<script"));
   EXPECT_FALSE(contains(html, "alert('x')"));
   EXPECT_TRUE(contains(html, "&lt;script&gt;alert(&#39;x&#39;)&lt;/script&gt; &amp; &quot;more&quot;"));
 }
 
+TEST_F(ReportTest, ChannelsThatAreNoLengthsAreShownInTheirOwnUnits) {
+  RunRecord record = test::empty_record("E", 1e5, 1e3);
+  test::add_reading(record, "a", "reaction", 1, 0.25, 0.01, 0.24);
+  test::add_reading(record, "a", "reaction", 2, 0.5, 0.01, 0.49);
+  record.curves = {{"reaction", "", {0, 2}, {0, 0.49}, {0, 0.01}}};
+  record.channels = {make_axis("reaction", Quantity::force, "reaction")};
+  test::set_statistics(record, 0.5, {});
+  std::vector<std::string> names;
+  for (const Figure& figure : write_report(record, folder())) names.push_back(figure.name);
+  EXPECT_EQ(names, (std::vector<std::string>{"force_displacement", "residuals"})) << "a stiffness needs a displacement";
+  EXPECT_EQ(rows("figures/force_displacement.csv")[0]["reaction_N"], "0.25");
+  EXPECT_EQ(rows("figures/residuals.csv")[0]["sigma_N"], "0.01");
+  std::string html = read_file(file("report.html"));
+  for (const char* text :
+       {"The largest residual is 0.01 N", ">Measured [N]<", ">0.250<", "reaction [N]", "Above in N,"})
+    EXPECT_TRUE(contains(html, text)) << text;
+  EXPECT_FALSE(contains(html, "[mm]"));
+
+  // With an angle beside it, numbers come with their units.
+  record.channels.push_back(make_axis("tip_turn", Quantity::angle, "rotation"));
+  test::add_reading(record, "a", "tip_turn", 2, 0.1, 0.01, 0.11);
+  write_report(record, folder());
+  html = read_file(file("report.html"));
+  for (const char* text : {">Measured<", ">0.250 N<", ">5.730 deg<", "rotation [deg]", "measured in its own standard"})
+    EXPECT_TRUE(contains(html, text)) << text;
+  auto all = rows("figures/residuals.csv");
+  ASSERT_EQ(all.size(), 3u);
+  EXPECT_EQ(all[2]["unit"], "deg");
+  EXPECT_NEAR(std::stod(all[2]["sigma"]), 0.5729578, 1e-6);
+  write_file(file("predictions.csv"), predictions_csv(record));
+  all = rows("predictions.csv");
+  EXPECT_EQ(all[0]["measured"], "0.25");
+  EXPECT_EQ(all[0]["unit"], "N");
+  EXPECT_EQ(all[2]["measured"], "0.1");
+  EXPECT_EQ(all[2]["unit"], "rad");
+}
+
 TEST_F(ReportTest, PredictionsCarryTheirUnitsInTheHeader) {
   RunRecord record = test::hanging_block();
-  record.control_units = {"N/m"};
+  record.controls[0].unit = "N/m";
   write_file(file("predictions.csv"), predictions_csv(record));
   const std::string text = read_file(file("predictions.csv"));
   EXPECT_EQ(text.substr(0, text.find('\n')),

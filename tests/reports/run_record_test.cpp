@@ -133,6 +133,38 @@ TEST_F(RunRecordTest, SharesOfMeshAndContactGapSurviveAndOlderFilesHaveNone) {
   expect_input_error([&] { read_run(folder_.string()); }, {"shares[0].bias", "one number for each parameter"});
 }
 
+TEST_F(RunRecordTest, AxesSurviveAndOlderFilesHaveUnitsOfControlsOnly) {
+  RunRecord record = test::tendon_finger();
+  record.channels[0] = make_axis("tip", Quantity::angle, "rotation");
+  write_file(path("fit.json"), to_json(record));
+  RunRecord again = read_run(folder_.string());
+  ASSERT_EQ(again.controls.size(), 2u);
+  EXPECT_EQ(again.controls[1].id, "retraction");
+  EXPECT_EQ(again.controls[1].quantity, "length");
+  ASSERT_EQ(again.channels.size(), 1u);
+  EXPECT_EQ(again.channels[0].quantity, "angle");
+  EXPECT_EQ(again.channels[0].unit, "rad");
+  EXPECT_EQ(again.channels[0].label, "rotation");
+
+  write_edited([](auto& json) {
+    json.erase("channels");
+    json["controls"] = {{{"id", "tip_load"}, {"unit", "N"}}};
+  });
+  again = read_run(folder_.string());
+  EXPECT_EQ(again.controls[0].quantity, "force");
+  ASSERT_EQ(again.channels.size(), 3u);
+  EXPECT_EQ(again.channels[2].id, "tip_right");
+  EXPECT_EQ(again.channels[2].quantity, "length");
+  EXPECT_EQ(again.channels[2].label, "displacement");
+
+  write_edited([](auto& json) { json["channels"].erase(1); });
+  expect_input_error([&] { read_run(folder_.string()); }, {"'channels'", "the channel 'tip_left'"});
+  write_edited([](auto& json) { json["load"]["control"] = 7; });
+  expect_input_error([&] { read_run(folder_.string()); }, {"'load.control' holds 7", "index of a control"});
+  write_edited([](auto& json) { json["controls"] = {{{"id", "tip_load"}, {"unit", "furlong"}}}; });
+  expect_input_error([&] { read_run(folder_.string()); }, {"controls[0].unit", "an SI unit"});
+}
+
 TEST_F(RunRecordTest, DoublesKeepEveryBit) {
   RunRecord record = test::hanging_block();
   record.fit.chi_squared = 0.1 + 0.2;

@@ -240,7 +240,7 @@ TEST(Equilibrium, AWarmStartGivesTheAnswerOfAColdOne) {
 TEST(Equilibrium, AlwaysProjectingFindsTheSameAnswerWithMoreIterations) {
   const Problem problem = problem_a1(4, 2);
   const Equilibrium exact = solved(problem, 1.0),
-                    projected = solved(problem, 1.0, {.max_iterations = 400, .always_project = true});
+                    projected = solved(problem, 1.0, {.max_iterations = 400, .comparison = {.always_project = true}});
   EXPECT_GT(projected.report().iterations, exact.report().iterations);
   EXPECT_LE(distance(problem, exact.u(), projected.u()), 1e-7);
 }

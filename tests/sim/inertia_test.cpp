@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 
+#include "sim/mesh/weights.hpp"
 #include "sim/terms/solid.hpp"
 #include "tests/support/term_battery.hpp"
 

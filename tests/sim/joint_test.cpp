@@ -441,7 +441,7 @@ TEST(Joint, AHingeIn3DTurnsABlockAboutItsAxisAndNothingElse) {
   SceneBuilder builder(std::move(mesh));
   builder.add_solid("block", "neo_hookean", {{"E", 1e8}, {"nu", 0.3}});
   JointSettings settings;
-  settings.name = "hinge";
+  settings.id = "hinge";
   settings.part_a = "world";
   settings.pivot = vec({0.01, 0.01, 0.004});
   settings.axis_end = vec({0.01, 0.014, 0.016});
@@ -504,9 +504,9 @@ TEST(Joint, PartsAreHeldByJointsToSupportedOnesAndByMotorsToTheWorld) {
   EXPECT_NO_THROW(held.build());
   // Two joints may share an angle.
   SceneBuilder shared = arm_builder(2);
-  JointSettings second = arm_joint(1);
-  second.angle = shared.add_joint(arm_joint(0)).angle;
-  EXPECT_EQ(shared.add_joint(second).angle, second.angle);
+  const JointSettings second = arm_joint(1);
+  const int angle = shared.add_joint(arm_joint(0)).angle;
+  EXPECT_EQ(shared.add_joint(second, angle).angle, angle);
   EXPECT_NO_THROW(shared.build());
 }
 

@@ -1,4 +1,4 @@
-#include "sim/solve/kinsol_equilibrium.hpp"
+#include "tests/support/kinsol_equilibrium.hpp"
 
 #include <gtest/gtest.h>
 

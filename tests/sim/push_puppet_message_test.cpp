@@ -3,7 +3,7 @@
 #include <fstream>
 #include <sstream>
 
-#include "calib/benches/static_bench.hpp"
+#include "calib/benches/static_replay.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"
 
@@ -125,7 +125,7 @@ TEST(WrongModule, EachMistakeIsSaidInOneSentence) {
   const std::string text = module_toml();
   auto open = [&](const std::string& toml) {
     const Experiment experiment = read_experiment(folder.write("module.toml", toml));
-    const StaticBench bench = make_static_bench(experiment, experiment.mesh, read_trials(experiment.bench));
+    const StaticReplay bench = make_static_replay(experiment, experiment.mesh, read_trials(experiment.bench));
     free_parameters(experiment, *bench.protocol);
   };
   EXPECT_NO_THROW(open(text));

@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
 
 #include "calib/files/experiment.hpp"
-#include "sim/files/shape_tables.hpp"
+#include "sim/shapes/push_puppet.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"
 
@@ -21,7 +21,7 @@ std::string module_toml(const std::string& keys) {
 
 PushPuppet module_with(const std::string& keys) {
   const TemporaryFolder folder;
-  return read_experiment(folder.write("module.toml", module_toml(keys))).geometry.puppet;
+  return read_experiment(folder.write("module.toml", module_toml(keys))).geometry.as<PushPuppet>();
 }
 
 TEST(PushPuppetSettings, KeysLeftOutAreTheReferenceModule) {

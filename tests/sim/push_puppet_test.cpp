@@ -292,7 +292,7 @@ TEST(PushPuppetMessages, NumbersThatClashAreNamedInMillimetres) {
   const auto refused = [](auto&& change, const std::vector<std::string>& parts) {
     PushPuppet module = with_studs();
     change(module);
-    expect_input_error([&] { check(module); }, parts);
+    expect_input_error([&] { module.check(); }, parts);
     expect_input_error([&] { mesh_push_puppet(module, {}); }, parts);
     expect_input_error([&] { cable_path(module, 1); }, parts);
   };

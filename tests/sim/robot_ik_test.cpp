@@ -51,7 +51,7 @@ hold_pull = "1 mm"
     Equilibrium equilibrium(*robot.scene.model);
     equilibrium.start_at_rest(at_rest(simulation, robot));
     ASSERT_EQ(equilibrium.solve(answer.p).status, SolveStatus::converged);
-    const RobotReading& tip = robot.readings.front();
+    const SceneReading& tip = robot.readings.front();
     ASSERT_EQ(tip.id, "tip_y");
     EXPECT_NEAR(tip.rest + tip.channel->value({equilibrium.u(), equilibrium.p()}), answer.wanted[0], 1e-4);
   }

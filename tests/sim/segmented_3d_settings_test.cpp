@@ -2,7 +2,8 @@
 
 #include "sim/files/simulation.hpp"
 #include "sim/robots/simulation.hpp"
-#include "sim/shapes/geometry.hpp"
+#include "sim/shapes/sheet.hpp"
+#include "sim/shapes/twist.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"
 
@@ -43,24 +44,26 @@ Simulation read(const std::string& toml) {
 TEST(Segmented3dSettings, KeysAreTheMembersNames) {
   const Simulation simulation = read(scene_toml);
   const BodySettings &module = simulation.bodies[0], &sheet = simulation.bodies[1];
-  EXPECT_EQ(module.geometry.twist.cells, 2);
-  EXPECT_DOUBLE_EQ(module.geometry.twist.cell_length, 9e-3);
-  EXPECT_DOUBLE_EQ(module.geometry.twist.cable_turn, 10 * M_PI / 180);
-  EXPECT_EQ(module.geometry.twist.rim_width, TwistModule().rim_width) << "what is left out";
-  EXPECT_EQ(sheet.geometry.sheet.rows, 2);
-  EXPECT_DOUBLE_EQ(sheet.geometry.sheet.tile, 12e-3);
-  const Mesh expected = mesh_twist_module(module.geometry.twist, {.core_cells = 3, .layers = 2, .order = 1});
+  EXPECT_EQ(module.geometry.as<TwistModule>().cells, 2);
+  EXPECT_DOUBLE_EQ(module.geometry.as<TwistModule>().cell_length, 9e-3);
+  EXPECT_DOUBLE_EQ(module.geometry.as<TwistModule>().cable_turn, 10 * M_PI / 180);
+  EXPECT_EQ(module.geometry.as<TwistModule>().rim_width, TwistModule().rim_width) << "what is left out";
+  EXPECT_EQ(sheet.geometry.as<Sheet>().rows, 2);
+  EXPECT_DOUBLE_EQ(sheet.geometry.as<Sheet>().tile, 12e-3);
+  const Mesh expected =
+      mesh_twist_module(module.geometry.as<TwistModule>(), {.core_cells = 3, .layers = 2, .order = 1});
   EXPECT_EQ(make_mesh(module.geometry, module.mesh, true, true).X, expected.X);
-  const Mesh tiles = mesh_sheet(sheet.geometry.sheet, {.tile_cells = 2, .strip_cells = 3, .layers = 1, .order = 2});
+  const Mesh tiles =
+      mesh_sheet(sheet.geometry.as<Sheet>(), {.tile_cells = 2, .strip_cells = 3, .layers = 1, .order = 2});
   EXPECT_EQ(make_mesh(sheet.geometry, sheet.mesh, true, true).X, tiles.X);
 }
 
 TEST(Segmented3dSettings, CablesAreCalledByHandAndByRow) {
   const Simulation simulation = read(scene_toml);
   const GeometrySettings &module = simulation.bodies[0].geometry, &sheet = simulation.bodies[1].geometry;
-  EXPECT_EQ(own_cable(module, "right_2")[5], cable_path(module.twist, 1, 1)[5]);
-  EXPECT_EQ(own_cable(module, "left_1")[5], cable_path(module.twist, 0, -1)[5]);
-  EXPECT_EQ(own_cable(sheet, "row_2")[3], cable_path(sheet.sheet, 1, 1e-3)[3]);
+  EXPECT_EQ(own_cable(module, "right_2")[5], cable_path(module.as<TwistModule>(), 1, 1)[5]);
+  EXPECT_EQ(own_cable(module, "left_1")[5], cable_path(module.as<TwistModule>(), 0, -1)[5]);
+  EXPECT_EQ(own_cable(sheet, "row_2")[3], cable_path(sheet.as<Sheet>(), 1, 1e-3)[3]);
   expect_input_error([&] { own_cable(module, "right_3"); }, {"'right_3'", "allowed: right_1, right_2, left_1, left_2"});
   expect_input_error([&] { own_cable(sheet, "row_3"); }, {"'row_3'", "allowed: row_1, row_2"});
 }

@@ -138,6 +138,21 @@ TEST(Simulate, AStaticRunIsASequenceOfEquilibria) {
   }
 }
 
+TEST(Simulate, AStaticRunReadsReactionsAndLengthsOfCables) {
+  std::string toml =
+      replaced(without_net_force(robot_toml), "integrator = \"implicit_euler\"", "integrator = \"static\"");
+  toml = replaced(toml, "at = [\"20 mm\", \"-38 mm\"]\nvelocity = [\"0 m/s\", \"-0.5 m/s\"]",
+                  "at = [\"20 mm\", \"-38 mm\"]\nclamped = [\"ymin\"]");
+  toml +=
+      "[[channel]]\nid = \"foot\"\nkind = \"reaction\"\nof = \"block.ymin\"\ndirection = [0, 1]\n"
+      "[[channel]]\nid = \"path\"\nkind = \"length\"\nof = \"upper\"\n";
+  const Finished r = run(toml);
+  EXPECT_EQ(r.result.failure, "");
+  EXPECT_NEAR(channel(r, "foot").back(), 1000 * 0.008 * 0.008 * 0.02 * 9.81, 1e-7) << "the block's weight";
+  ASSERT_GT(channel(r, "tension").back(), 0.1);
+  EXPECT_NEAR(channel(r, "path").back(), 0.06 - 0.003 + channel(r, "tension").back() / 2000, 1e-9);
+}
+
 struct Wrong {
   std::string what, from, to;
   std::vector<std::string> parts;
@@ -230,6 +245,10 @@ const std::vector<Wrong> mistakes{
     {"a misspelt key", "description = \"For tests.\"", "descripton = \"For tests.\"", {"unknown key 'descripton'"}},
     {"two of one id", "id = \"tip_turn\"", "id = \"tip_y\"", {"'tip_y' is used twice"}},
     {"damping of no material", "[damping.foam]", "[damping.fome]", {"[damping.fome]", "did you mean 'foam'"}},
+    {"a reaction over time",
+     "kind = \"net_force\"\nof = \"block\"",
+     "kind = \"reaction\"\nof = \"arm.xmin\"",
+     {"[channel] kind", "equilibrium", "static"}},
     {"a speed in mm",
      "velocity = [\"0 m/s\", \"-0.5 m/s\"]",
      "velocity = [\"0 m/s\", \"-5 mm\"]",

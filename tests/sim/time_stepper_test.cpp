@@ -337,7 +337,7 @@ TEST(TimeStepper, TheAdjointGradientEqualsTheForwardOneStepByStep) {
       gradients.push_back(k % 3 == 0 ? w : Eigen::VectorXd());
       if (k % 3 == 0) forward += stepper.du().transpose() * w;
     }
-    const Eigen::MatrixXd adjoint = adjoint_gradient(model, accepted, gradients, indices);
+    const Eigen::MatrixXd adjoint = adjoint_gradient(model, accepted, gradients, indices).parameters;
     for (int parity : {0, 1}) {
       double largest = 0;
       for (int k = parity; k < steps; k += 2) largest = std::max(largest, std::abs(forward[k]));

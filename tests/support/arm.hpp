@@ -31,7 +31,7 @@ inline SceneBuilder arm_builder(int links, int cells = 12, double modulus = 2e9)
 
 inline JointSettings arm_joint(int i) {
   JointSettings settings;
-  settings.name = "joint" + std::to_string(i + 1);
+  settings.id = "joint" + std::to_string(i + 1);
   settings.part_a = i == 0 ? "world" : "link" + std::to_string(i);
   settings.part_b = "link" + std::to_string(i + 1);
   settings.pivot = vec({arm_base + i * arm_link, 0});

@@ -1,6 +1,7 @@
 #pragma once
-#include "calib/benches/static_bench.hpp"
+#include "calib/benches/static_replay.hpp"
 #include "sim/contact/contact.hpp"
+#include "sim/shapes/push_puppet.hpp"
 
 // The reference push-puppet module on its bench, for tests and benchmarks: four retractions, four hung masses.
 namespace taut::test {
@@ -10,7 +11,7 @@ inline const std::vector<double> kMasses{0.050, 0.100, 0.200, 0.500};
 
 /// Makes an experiment's module another one, with its own cables.
 inline void set_module(Experiment& e, const PushPuppet& module) {
-  e.geometry.puppet = module;
+  e.geometry.shape = std::make_shared<PushPuppet>(module);
   for (CableSettings& cable : e.cables.cables) {
     cable.points.clear();
     for (const Eigen::Vector2d& point : cable_path(module, cable.id == "upper" ? 1 : -1))

@@ -15,10 +15,7 @@ namespace taut::test {
 inline RunRecord empty_record(const std::string& parameter, double value, double standard_error) {
   RunRecord record;
   record.title = "A record for tests";
-  record.experiment_file = "experiment.toml";
-  record.data_file = "bench.csv";
-  record.control_ids = {"tip_load"};
-  record.control_units = {"N"};
+  record.controls = {make_axis("tip_load", Quantity::force, "tip load")};
   record.load_label = "tip load";
   record.load_control = 0;
   record.parameter_ids = {parameter, "nu", "gravity", "tip_load"};
@@ -45,15 +42,16 @@ inline RunRecord empty_record(const std::string& parameter, double value, double
   record.fit.iterations = 7;
   record.main = {
       "quadratic", "quadratic, locking-free, 14 x 5 x 5 cells", 9867, "converged", {value}, {standard_error}, 0, 12.5};
-  record.provenance = {"0.1.0",
-                       "0123abcd",
-                       {{"Ceres", "2.1.0"}, {"Eigen", "3.4.0"}},
-                       "taut fit experiment.toml --output run",
-                       {{"experiment.toml", std::string(64, 'a')}, {"bench.csv", std::string(64, 'b')}},
-                       "2024-05-01T12:00:00Z",
-                       "two cores, Linux",
-                       0,
-                       12.5};
+  record.provenance = {
+      "0.1.0",
+      "0123abcd",
+      {{"Ceres", "2.1.0"}, {"Eigen", "3.4.0"}},
+      "taut fit experiment.toml --output run",
+      {{"experiment.toml", "experiment.toml", std::string(64, 'a')}, {"bench.csv", "data.csv", std::string(64, 'b')}},
+      "2024-05-01T12:00:00Z",
+      "two cores, Linux",
+      0,
+      12.5};
   record.setup = {{"mesh", record.main.mesh}, {"material", "neo-Hookean, density 1070 kg/m3, Poisson ratio 0.499"}};
   record.remarks = {"2 columns are not used: frame_fit_rms_mm, sd_eq_z_mm"};
   record.shape_axes[0] = "x";
@@ -79,6 +77,8 @@ inline void add_reading(RunRecord& record, const std::string& trial, const std::
   record.readings.push_back(reading);
   record.load_newtons.push_back(load);
   record.series.push_back(series);
+  if (std::ranges::find(record.channels, channel, &AxisRecord::id) == record.channels.end())
+    record.channels.push_back(make_axis(channel, Quantity::length, "displacement"));
 }
 
 /// Chi squared and the test for lack of fit, from the readings; the p values are given, not computed.
@@ -163,8 +163,7 @@ inline RunRecord tendon_finger() {
   RunRecord record = empty_record("E_foam", 61.3e3, 2.9e3);
   record.title = "Finger under tendon retraction and hung masses";
   record.simulated = true;
-  record.control_ids = {"tip_load", "retraction"};
-  record.control_units = {"N", "m"};
+  record.controls.push_back(make_axis("retraction", Quantity::length, "retraction"));
   ParameterEstimate friction = record.fit.parameters[0];
   friction.spec = {"mu_tendon", "mu", "1", 0, 2, "friction of the tendon in its sheath", false};
   friction.start = 0.1;

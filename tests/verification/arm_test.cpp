@@ -117,7 +117,7 @@ TEST_P(SlowArmIk, BringsTheTipToATargetWithinATenthOfAMillimetreAndTheBounds) {
     ASSERT_EQ(equilibrium.solve(at_rest(simulation, robot) + part * (answer.p - at_rest(simulation, robot))).status,
               SolveStatus::converged);
   for (size_t i = 0; i < answer.channels.size(); ++i) {
-    for (const RobotReading& reading : robot.readings) {
+    for (const SceneReading& reading : robot.readings) {
       if (reading.id != answer.channels[i]) continue;
       EXPECT_NEAR(reading.rest + reading.channel->value({equilibrium.u(), equilibrium.p()}), answer.wanted[i], 1e-4);
     }
@@ -141,7 +141,7 @@ TEST(SlowArm, TheStiffnessThatWasAskedForIsWhatASmallMassFeels) {
     for (size_t k = 0; k < simulation.controls.size(); ++k)
       p[hung.scene.model->parameters().index(simulation.controls[k].id)] = answer.p[robot.controls[k]];
     p[hung.gravity] = 9.81;
-    const RobotReading& deflection = hung.readings.front();
+    const SceneReading& deflection = hung.readings.front();
     ASSERT_EQ(deflection.id, "deflection");
     ASSERT_EQ(equilibrium.solve(p).status, SolveStatus::converged);
     const double before = deflection.channel->value({equilibrium.u(), equilibrium.p()});

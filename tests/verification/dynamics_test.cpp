@@ -46,7 +46,7 @@ TEST(Pendulum, ABodyOnAFreePinSwingsWithThePeriodOfThePhysicalPendulum) {
   builder.add_weight("rod", 1000, Eigen::Vector2d(0, -1), gravity);
   builder.add_inertia("rod", 1000);
   JointSettings pin;
-  pin.name = "pin";
+  pin.id = "pin";
   pin.part_a = "world";
   pin.pivot = Eigen::Vector2d(0, 0);
   pin.radius = 0.001;
@@ -130,14 +130,13 @@ struct CableAndJoint {
     }
     builder.add_cable(cable);
     JointSettings joint;
-    joint.name = "shoulder";
+    joint.id = "shoulder";
     joint.part_a = "world";
     joint.pivot = Eigen::Vector2d(0.003, 0.006);
     joint.motor = Eigen::Vector2d(0.003, 0.010);
     joint.radius = 0.004;
-    joint.angle = motor;
     joint.stiffness = 2e4;
-    builder.add_joint(joint);
+    builder.add_joint(joint, motor);
     scene = builder.build(true);
     const ParameterTable& table = scene.model->parameters();
     parameters = {table.index("E_foam"), table.index("nu_foam"), table.index("beta"), table.index("k_cable"),

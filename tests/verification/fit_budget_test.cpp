@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include "calib/benches/static_protocol.hpp"
 #include "calib/fit/fit.hpp"
 #include "tests/support/problems.hpp"
 

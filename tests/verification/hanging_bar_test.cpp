@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "sim/terms/load.hpp"
 #include "tests/support/mesh_checks.hpp"
 #include "tests/support/problems.hpp"
 

@@ -94,7 +94,7 @@ Trials readings_of(const Experiment& experiment, const MeshSettings& settings, c
       reading.sigma = 1;
     }
   }
-  const StaticBench bench = make_static_bench(experiment, settings, trials);
+  const StaticReplay bench = make_static_replay(experiment, settings, trials);
   const Prediction exact = bench.protocol->predict(bench.protocol->nominal(), {});
   EXPECT_TRUE(exact.complete());
   for (size_t i = 0; i < trials.readings.size(); ++i) {
@@ -110,7 +110,7 @@ struct Fitted {
 };
 
 Fitted fitted(const Experiment& experiment, const Trials& trials) {
-  const StaticBench bench = make_static_bench(experiment, experiment.mesh, trials);
+  const StaticReplay bench = make_static_replay(experiment, experiment.mesh, trials);
   FitOptions options;
   options.profiles = false;
   options.tolerance = 1e-10;
@@ -187,7 +187,7 @@ TEST(SlowMeshShare, DoesNotCountHowFarAFitStoppedFromItsOwnOptimum) {
   e.mesh.cells = {7, 4};
   Fitted f = fitted(e, trials);
   const double bias = f.shares[0].bias[0] / f.fit.parameters[0].value;
-  const int E = make_static_bench(e, e.mesh, trials).protocol->parameters().index("E_foam");
+  const int E = make_static_replay(e, e.mesh, trials).protocol->parameters().index("E_foam");
   f.fit.p[E] = f.fit.parameters[0].value *= 1.01;
   const double there = discretisation_shares(e, trials, f.fit)[0].bias[0] / f.fit.parameters[0].value;
   EXPECT_LT(bias, -0.003);
@@ -219,7 +219,7 @@ TEST(SlowMeshShare, OfTheContactGapAgreesWithFitsWithSmallerGaps) {
   Trials trials = conditions_of({17.68e-3}, {0.05, 0.1, 0.2});
   MeshSettings fine = e.mesh;
   fine.contact_gap = 1e-6;
-  const StaticBench bench = make_static_bench(e, fine, trials);
+  const StaticReplay bench = make_static_replay(e, fine, trials);
   const Prediction exact = bench.protocol->predict(bench.protocol->nominal(), {});
   ASSERT_TRUE(exact.complete());
   for (size_t i = 0; i < trials.readings.size(); ++i) {
@@ -305,17 +305,17 @@ TEST(MeshShare, DifferencesThatTurnAreNotExtrapolated) {
 
 TEST(MeshShare, RefinedMeshesHaveMoreOfEverythingThatMakesThem) {
   GeometrySettings geometry;
-  geometry.kind = "push_puppet";
+  geometry.shape = make_shape("push_puppet");
   MeshSettings settings;
   settings.size = 2.6e-3;
   settings.cells = {3, 1};
   const MeshSettings finer = refined(settings, geometry, 2), coarser = refined(settings, geometry, 0.5);
   EXPECT_EQ(finer.cells, (std::vector{6, 2}));
   EXPECT_EQ(finer.size, 1.3e-3);
-  EXPECT_EQ(finer.lip_cells, 4);
+  EXPECT_EQ(finer.counts.at("lip_cells"), 4);
   EXPECT_EQ(coarser.cells, (std::vector{2, 1}));
-  EXPECT_EQ(coarser.lip_cells, 1);
-  geometry.kind = "msh";
+  EXPECT_EQ(coarser.counts.at("lip_cells"), 1);
+  geometry.shape = make_shape("msh");
   EXPECT_EQ(refined(settings, geometry, 2).size, settings.size) << "a mesh from a file stays";
 }
 

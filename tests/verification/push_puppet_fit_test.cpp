@@ -17,7 +17,7 @@ Experiment coarse_bench() {
 TEST(SlowPushPuppetFit, NoiseFreeReadingsGiveTheirParametersBack) {
   const Experiment e = coarse_bench();
   Trials trials = read_trials(e.bench);
-  StaticBench bench = make_static_bench(e, e.mesh, trials);
+  StaticReplay bench = make_static_replay(e, e.mesh, trials);
   const ParameterTable& table = bench.protocol->parameters();
   Params truth = bench.protocol->nominal();
   truth[table.index("E_foam")] = 64e3;
@@ -41,7 +41,7 @@ TEST(SlowPushPuppetFit, NoiseFreeReadingsGiveTheirParametersBack) {
 TEST(SlowPushPuppetFit, TheBenchIsFittedToItsNoiseWithinThreeColdReplays) {
   Experiment e = coarse_bench();
   e.mesh.order = 2;
-  const StaticBench bench = make_static_bench(e, e.mesh, read_trials(e.bench));
+  const StaticReplay bench = make_static_replay(e, e.mesh, read_trials(e.bench));
   bench.protocol->predict(bench.protocol->nominal(), {});
   const int replay = bench.protocol->factorisations();
   bench.protocol->forget();
@@ -74,7 +74,7 @@ TEST(SlowPushPuppetFit, ReadingsFromOpenRetractionsDoNotSeeThePlastic) {
   const Experiment e = coarse_bench();
   Trials trials = read_trials(e.bench);
   std::erase_if(trials.readings, [](const Reading& reading) { return reading.controls[1] > 12e-3; });
-  const StaticBench bench = make_static_bench(e, e.mesh, trials);
+  const StaticReplay bench = make_static_replay(e, e.mesh, trials);
   const FitResult result = fit(*bench.protocol, bench.measurements, free_parameters(e, *bench.protocol));
   ASSERT_EQ(result.status, FitStatus::converged) << result.message;
   const ParameterEstimate& plastic = result.parameters[1];
@@ -91,7 +91,7 @@ TEST(SlowPushPuppetFit, PoissonsRatioZeroErrorsAndAnElasticBaseMayBeFree) {
   e.supports[0].fix.clear();
   e.supports[0].rotation_stiffness = 200;
   const Trials trials = read_trials(e.bench);
-  const StaticBench bench = make_static_bench(e, e.mesh, trials);
+  const StaticReplay bench = make_static_replay(e, e.mesh, trials);
   StaticProtocol& protocol = *bench.protocol;
   const ParameterTable& table = protocol.parameters();
   std::vector<int> free;

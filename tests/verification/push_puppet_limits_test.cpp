@@ -8,7 +8,7 @@ namespace taut::test {
 namespace {
 
 struct Outcome {
-  StaticBench bench;
+  StaticReplay bench;
   Prediction prediction;
 
   /// No two edges cross and no element is folded in any state that was reached.
@@ -28,7 +28,7 @@ struct Outcome {
 };
 
 Outcome replay(const Experiment& experiment, const Trials& trials) {
-  Outcome outcome{make_static_bench(experiment, experiment.mesh, trials), {}};
+  Outcome outcome{make_static_replay(experiment, experiment.mesh, trials), {}};
   outcome.prediction = outcome.bench.protocol->predict(outcome.bench.protocol->nominal(), {});
   outcome.expect_sound();
   return outcome;
@@ -43,7 +43,7 @@ double tip_sideways(const Outcome& outcome, size_t condition) {
 
 TEST(SlowPushPuppetLimits, EqualLipsCloseWithoutIntersection) {
   Experiment e = reference_module();
-  e.geometry.puppet.lip_relief = 0;
+  e.geometry.edit<PushPuppet>().lip_relief = 0;
   const Outcome outcome = replay(e, conditions_of({11.79e-3, 17.68e-3}, {0.05, 0.5}));
   EXPECT_TRUE(outcome.prediction.complete());
   for (double drop : outcome.prediction.values) EXPECT_GT(drop, 0);
@@ -108,7 +108,7 @@ TEST(SlowPushPuppetLimits, SlackBeyondTheRetractionLeavesTheCablesLoose) {
 TEST(PushPuppetLimits, AContactGapLargerThanTheGapAtRestIsRefused) {
   Experiment e = reference_module();
   e.mesh.contact_gap = 3e-3;
-  expect_input_error([&] { make_static_bench(e, e.mesh, conditions_of()); },
+  expect_input_error([&] { make_static_replay(e, e.mesh, conditions_of()); },
                      {"the contact gap of 3 mm is too large for the module", "below 0.5 mm"});
 }
 

@@ -12,7 +12,7 @@ constexpr double kTable[4][4] = {
 constexpr double kTension[4] = {0, 3.34, 7.49, 16.72};
 
 Prediction replay(const Experiment& experiment) {
-  const StaticBench bench = make_static_bench(experiment, experiment.mesh, conditions_of());
+  const StaticReplay bench = make_static_replay(experiment, experiment.mesh, conditions_of());
   Prediction prediction = bench.protocol->predict(bench.protocol->nominal(), {});
   for (const std::string& failure : prediction.failures) ADD_FAILURE() << failure;
   return prediction;
@@ -43,7 +43,7 @@ TEST(PushPuppetModule, WithoutStandOffLightLoadsOnOpenRetractionsStayWithinHalfA
 
 TEST(PushPuppetModule, CableTensionsAreThoseOfTheTable) {
   const Experiment e = reference_module();
-  const StaticBench bench = make_static_bench(e, e.mesh, conditions_of({0, 5.89e-3, 11.79e-3}, {0}));
+  const StaticReplay bench = make_static_replay(e, e.mesh, conditions_of({0, 5.89e-3, 11.79e-3}, {0}));
   bench.protocol->predict(bench.protocol->nominal(), {});
   for (size_t c = 0; c < 3; ++c) {
     const auto& condition = bench.protocol->conditions()[c];
@@ -56,7 +56,7 @@ TEST(SlowPushPuppetModule, TheClosedStiffnessDoesNotDependOnContactGapOrNodesOnT
   const Experiment e = reference_module();
   Experiment half = e, nodes = e;
   half.mesh.contact_gap = 0.5 * 2e-5 * 74e-3;  // the default is 2e-5 of the module's diagonal
-  nodes.mesh.lip_cells = 2 * e.mesh.lip_cells;
+  nodes.mesh.counts["lip_cells"] = 2 * PushPuppetMesh().lip_cells;
   const Prediction usual = replay(e), smaller = replay(half), doubled = replay(nodes);
   for (size_t m = 0; m < 4; ++m) {
     EXPECT_NEAR(stiffness(smaller, 3, m) / stiffness(usual, 3, m), 1, 0.02);
@@ -73,7 +73,7 @@ TEST(SlowPushPuppetModule, NewtonIterationsHardlyDependOnTheStiffnessRatio) {
   for (double ratio : {4e4, 4e5, 4e6}) {
     Experiment e = reference_module();
     e.materials[1].constants["E"] = ratio * e.materials[0].constants["E"];
-    const StaticBench bench = make_static_bench(e, e.mesh, conditions_of());
+    const StaticReplay bench = make_static_replay(e, e.mesh, conditions_of());
     EXPECT_TRUE(bench.protocol->predict(bench.protocol->nominal(), {}).complete());
     iterations.push_back(bench.protocol->newton_iterations());
     std::printf("E_plastic / E_foam = %g: %d Newton iterations for 16 conditions\n", ratio, iterations.back());
@@ -85,7 +85,7 @@ TEST(SlowPushPuppetModule, NewtonIterationsHardlyDependOnTheStiffnessRatio) {
 TEST(SlowPushPuppetModule, SensitivitiesOfAllDisplacementsHaveSlopeTwoWithContactActive) {
   Experiment e = reference_module(1);
   e.equilibrium.step_tolerance = 1e-11;  // the smallest remainders are 1e-11 m
-  const StaticBench bench = make_static_bench(e, e.mesh, conditions_of());
+  const StaticReplay bench = make_static_replay(e, e.mesh, conditions_of());
   StaticProtocol& protocol = *bench.protocol;
   const Params p = protocol.nominal();
   std::vector<int> free;
@@ -98,7 +98,7 @@ TEST(SlowPushPuppetModule, SensitivitiesOfAllDisplacementsHaveSlopeTwoWithContac
     const bool length = protocol.parameters()[index].id == "slack";
     const double scale = length ? 1e-3 : p[index];
     // Remainders of all rows together.
-    const StaticBench other = make_static_bench(e, e.mesh, conditions_of());
+    const StaticReplay other = make_static_replay(e, e.mesh, conditions_of());
     std::vector<double> steps{4e-3, 2e-3, 1e-3, 5e-4}, remainders;
     for (double h : steps) {
       Params q = p;
@@ -117,9 +117,9 @@ TEST(SlowPushPuppetModule, SensitivitiesOfAllDisplacementsHaveSlopeTwoWithContac
 TEST(SlowPushPuppetModule, TwoThreadsGiveTheSameBitsAsOne) {
   Experiment e = reference_module(1);
   e.threads = 1;
-  const StaticBench one = make_static_bench(e, e.mesh, conditions_of());
+  const StaticReplay one = make_static_replay(e, e.mesh, conditions_of());
   e.threads = 2;
-  const StaticBench two = make_static_bench(e, e.mesh, conditions_of());
+  const StaticReplay two = make_static_replay(e, e.mesh, conditions_of());
   const std::vector<int> free{one.protocol->parameters().index("E_foam")};
   Params p = one.protocol->nominal();
   for (int round = 0; round < 2; ++round) {  // cold, then warm

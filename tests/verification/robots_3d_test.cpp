@@ -7,7 +7,8 @@
 #include "sim/mesh/weights.hpp"
 #include "sim/robots/simulate.hpp"
 #include "sim/scene/scene.hpp"
-#include "sim/shapes/segmented_3d.hpp"
+#include "sim/shapes/sheet.hpp"
+#include "sim/shapes/twist.hpp"
 #include "sim/solve/equilibrium.hpp"
 
 // The robots of experiments/twist and experiments/sheet against geometry and against the strength of materials.
@@ -36,8 +37,8 @@ Run3d run(const std::string& name, int steps, double until) {
   run.simulation.duration *= until;
   run.simulation.step = run.simulation.duration / steps;
   for (BodySettings& body : run.simulation.bodies) {
-    if (body.geometry.kind != "twist") continue;
-    body.geometry.twist.cells = 2;
+    if (body.geometry.kind() != "twist") continue;
+    body.geometry.edit<TwistModule>().cells = 2;
     body.mesh.order = 1;
   }
   run.robot = make_robot(run.simulation);
@@ -77,7 +78,7 @@ TEST(SlowTwist, TheAngleGrowsWithTheRetractionAndTheRimsMeetAtItsEnd) {
   const std::vector<double>& shortening = twist().reading("shortening_left");
   for (size_t i = 1; i < angle.size(); ++i) EXPECT_GT(angle[i], angle[i - 1]);
   // No rim can pass another: all that can be lost is the gaps, and closed rims stiffen the module.
-  const TwistModule& m = twist().simulation.bodies[0].geometry.twist;
+  const TwistModule& m = twist().simulation.bodies[0].geometry.as<TwistModule>();
   const size_t end = angle.size() - 1;
   EXPECT_LT(shortening[end], m.cells * m.rim_gap + 1e-5);
   EXPECT_GT(shortening[end], 0.99 * m.cells * m.rim_gap);
@@ -87,13 +88,13 @@ TEST(SlowTwist, TheAngleGrowsWithTheRetractionAndTheRimsMeetAtItsEnd) {
 // Plates are stiff and all cells alike, so a helix has only one way to become shorter: each span joins points at the
 // radius r, turned by alpha - theta/n and h - s/n apart, and their lengths add up to what the winch has left.
 TEST(SlowTwist, ShorteningAndAngleObeyTheLengthOfTheHelix) {
-  const TwistModule& m = twist().simulation.bodies[1].geometry.twist;
+  const TwistModule& m = twist().simulation.bodies[1].geometry.as<TwistModule>();
   const auto length = [&](double theta, double s) {
     const double across = 2 * m.cable_radius * std::sin(0.5 * (m.cable_turn - theta / m.cells));
     return m.cells * std::hypot(across, m.cell_length - s / m.cells) + (m.cells + 1) * m.plate_thickness;
   };
   for (size_t i = 1; i < twist().result.times.size(); ++i) {
-    const double u = twist().result.controls[0][i], k = twist().simulation.cables[0].k;
+    const double u = twist().result.controls[0][i], k = twist().simulation.cables.cables[0].own->k.value();
     const double theta = twist().reading("twist_left")[i], s = twist().reading("shortening_left")[i];
     const double left = length(0, 0) - u + twist().reading("tension_left")[i] / k;
     EXPECT_NEAR(length(theta, s), left, 0.01 * u) << 1e3 * u << " mm";
@@ -173,8 +174,8 @@ std::vector<Eigen::Vector3d> carried(const Mesh& mesh, const Eigen::VectorXd& u,
 }
 
 TEST(SlowSheet, ShortenedCablesFitBetweenStiffTiles) {
-  const Sheet& s = sheet().simulation.bodies[0].geometry.sheet;
-  const double z = sheet().simulation.bodies[0].geometry.cable_height, pitch = s.tile + s.strip;
+  const Sheet& s = sheet().simulation.bodies[0].geometry.as<Sheet>();
+  const double z = s.cable_height, pitch = s.tile + s.strip;
   const Mesh& mesh = sheet().robot.scene.model->mesh();
   const char* tensions[] = {"tension_front", "tension_middle", "tension_back"};
   for (size_t i = 1; i < sheet().result.times.size(); ++i) {
@@ -193,7 +194,7 @@ TEST(SlowSheet, ShortenedCablesFitBetweenStiffTiles) {
         last = ends[1];
       }
       const double T = sheet().reading(tensions[row])[i];
-      EXPECT_NEAR(length, s.length() - u + T / sheet().simulation.cables[0].k, 0.01 * u) << row << " " << 1e3 * u;
+      EXPECT_NEAR(length, s.length() - u + T / sheet().simulation.cables.cables[0].own->k.value(), 0.01 * u) << row << " " << 1e3 * u;
     }
   }
   expect_sound(sheet());
@@ -202,8 +203,8 @@ TEST(SlowSheet, ShortenedCablesFitBetweenStiffTiles) {
 // Strips as beams: the cables' force T and its moment T z shorten the line that they run along by u - T/k = theta (z +
 // t^2/(12 z)), whatever the foam; the moment is that of a modulus between E (free to widen) and M (not at all).
 TEST(SlowSheet, CurlAndTensionAreNearThoseOfBeams) {
-  const Sheet& s = sheet().simulation.bodies[0].geometry.sheet;
-  const double z = sheet().simulation.bodies[0].geometry.cable_height, t = s.thickness;
+  const Sheet& s = sheet().simulation.bodies[0].geometry.as<Sheet>();
+  const double z = s.cable_height, t = s.thickness;
   const double E = 61.15e3, nu = 0.2, M = E * (1 - nu) / ((1 + nu) * (1 - 2 * nu));
   double last = 0;
   for (size_t i = 1; i < sheet().result.times.size(); ++i) {
@@ -214,7 +215,7 @@ TEST(SlowSheet, CurlAndTensionAreNearThoseOfBeams) {
     EXPECT_GT(curl, last);
     last = curl;
     if (curl > 90 * degree) continue;  // by then the strips are too bent for straight beams
-    EXPECT_NEAR(curl, (u - T / sheet().simulation.cables[0].k) / (z + t * t / (12 * z)), 0.03 * curl);
+    EXPECT_NEAR(curl, (u - T / sheet().simulation.cables.cables[0].own->k.value()) / (z + t * t / (12 * z)), 0.03 * curl);
     const double modulus = s.rows * T * z / (s.width() * t * t * t / 12) * (s.columns - 1) * s.strip / curl;
     EXPECT_GT(modulus, E);
     EXPECT_LT(modulus, M);

@@ -5,6 +5,7 @@
 
 #include "sim/files/simulation.hpp"
 #include "sim/robots/simulate.hpp"
+#include "sim/shapes/finger.hpp"
 
 // The plane scenes under experiments/, from their own files, some of them shortened.
 namespace taut {
@@ -78,7 +79,7 @@ TEST(SlowRobots, TheSameBallBendsTheSoftModuleMoreThanTheRigidOne) {
 
 TEST(SlowRobots, OneFingerBendsAndTheOtherStraightens) {
   Simulation bend = scene("finger_bend"), straighten = scene("finger_straighten");
-  const Finger& finger = straighten.bodies[0].geometry.finger;
+  const Finger& finger = straighten.bodies[0].geometry.as<Finger>();
   bend.step = straighten.step = 0.02;
   const Finished bent = run(bend), straight = run(straighten);
   const double joints = finger.segments - 1;

@@ -36,14 +36,14 @@ std::vector<Swing> swings(const Experiment& experiment, const std::vector<Sample
 struct QuickSwing {
   Experiment experiment = read_experiment(std::string(TAUT_SOURCE_DIR) + "/experiments/silicone_swing/experiment.toml");
   std::vector<Sample> samples;
-  RecordingBench bench;
+  RecordingReplay bench;
   Params p;
 
   QuickSwing() {
     experiment.mesh.cells = {6, 2};
     experiment.dynamics.step = 3e-3;
     samples = read_samples(experiment);
-    bench = make_recording_bench(experiment, experiment.mesh, samples);
+    bench = make_recording_replay(experiment, experiment.mesh, samples);
     p = bench.protocol->nominal();
     // What the fit of the file finds.
     for (const auto& [id, value] : std::map<std::string, double>{{"E_silicone", 301.2e3},
@@ -93,7 +93,7 @@ TEST(SlowSiliconeSwing, AHungLoadMovesAsAMassNotAsAForceAlone) {
   for (RecordingSettings& recording : quick.experiment.recordings->recordings) {
     for (auto& [id, value] : recording.loads) value *= quick.experiment.gravity;
   }
-  quick.bench = make_recording_bench(quick.experiment, quick.experiment.mesh, quick.samples);
+  quick.bench = make_recording_replay(quick.experiment, quick.experiment.mesh, quick.samples);
   const Prediction prediction = quick.bench.protocol->predict(quick.p, {});
   ASSERT_TRUE(prediction.complete()) << prediction.failures.front();
   for (const Swing& swing : swings(quick.experiment, quick.samples, prediction.values)) {

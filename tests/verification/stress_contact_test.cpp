@@ -3,7 +3,7 @@
 #include <cmath>
 
 #include "sim/solve/equilibrium.hpp"
-#include "sim/solve/kinsol_equilibrium.hpp"
+#include "tests/support/kinsol_equilibrium.hpp"
 #include "tests/support/problems.hpp"
 
 // Where naive ways to treat contact fail: penalties and steps that nothing stops, sums over pairs, barriers of the
@@ -178,7 +178,7 @@ TEST(StressContact, ASpikeDrivenIntoANotchPassesThroughNothingByDefaultAndThroug
                 penalty = spike(2e-5, 1e5, ContactForm::penalty);
   for (double push : {4.5e-3, 6e-3}) {
     const Ended sound = pushed(barrier, push), soft = pushed(penalty, push),
-                blind = pushed(barrier, push, {.ignore_contact = true});
+                blind = pushed(barrier, push, {.comparison = {.ignore_contact = true}});
     ASSERT_EQ(sound.report.status, SolveStatus::converged) << sound.report.message();
     EXPECT_FALSE(crosses(*barrier.scene.model, sound.u));
     EXPECT_GT(barrier.force(sound.u, sound.p), 0.1);
@@ -224,7 +224,7 @@ TEST(StressContact, SawTeethInterlockWithoutCrossingWhereUncheckedStepsCross) {
   saws.bottom = builder.mesh().select("lower.ymin").nodes();
   saws.scene = builder.build();
   for (double push : {1e-3, 2e-3}) {
-    const Ended sound = pushed(saws, push), blind = pushed(saws, push, {.ignore_contact = true});
+    const Ended sound = pushed(saws, push), blind = pushed(saws, push, {.comparison = {.ignore_contact = true}});
     ASSERT_EQ(sound.report.status, SolveStatus::converged) << sound.report.message();
     EXPECT_FALSE(crosses(*saws.scene.model, sound.u));
     EXPECT_GT(saws.force(sound.u, sound.p), 0.01);

@@ -4,10 +4,10 @@
 #include <random>
 
 #include "calib/fit/fit.hpp"
-#include "sim/solve/kinsol_equilibrium.hpp"
 #include "sim/terms/cable.hpp"
 #include "tests/support/arm.hpp"
 #include "tests/support/closed_form_protocol.hpp"
+#include "tests/support/kinsol_equilibrium.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/problems.hpp"
 
@@ -65,7 +65,7 @@ TEST(Stress, FullStepsWithoutALineSearchFoldTheCantileverThatTheDefaultBendsOnto
   const double force = 0.05, stiffness = 1e5 / (1 - 0.09) * 0.03 * std::pow(0.005, 3) / 12;
   const Params p = with(problem.scene, problem.force, force);
   EquilibriumOptions naive = at_once(400);
-  naive.line_search = LineSearch::none;
+  naive.comparison.line_search = LineSearch::none;
   const Solved folded = solved(problem.scene, p, naive), bent = solved(problem.scene, p, at_once());
   EXPECT_NE(folded.report.status, SolveStatus::converged);
   EXPECT_LE(folded.report.iterations, 3) << "elements turned inside out, not merely slow";
@@ -79,7 +79,7 @@ TEST(Stress, ProjectingEveryHessianTakesManyTimesTheIterationsOfProjectingOnDema
   for (double force : {0.05, 0.2, 1.0}) {
     const Params p = with(problem.scene, problem.force, force);
     EquilibriumOptions naive = at_once(400);
-    naive.always_project = true;
+    naive.comparison.always_project = true;
     const Solved projected = solved(problem.scene, p, naive), exact = solved(problem.scene, p, at_once());
     ASSERT_EQ(exact.report.status, SolveStatus::converged) << exact.report.message();
     EXPECT_GT(projected.report.iterations, 2.5 * exact.report.iterations) << force << " N";
@@ -99,8 +99,8 @@ TEST(Stress, StraightStepsWithTheEnergyAloneCreepAtStiffnessRatiosThatTheDefault
     problem.scene.values[plastic] = 5e4 * ratio;
     const Params p = with(problem.scene, problem.force, 2);
     EquilibriumOptions naive = at_once(400);
-    naive.straight_steps = true;
-    naive.line_search = LineSearch::armijo;
+    naive.comparison.straight_steps = true;
+    naive.comparison.line_search = LineSearch::armijo;
     const Solved creeping = solved(problem.scene, p, naive), quick = solved(problem.scene, p, at_once());
     ASSERT_EQ(quick.report.status, SolveStatus::converged) << quick.report.message();
     EXPECT_LE(quick.report.iterations, 8) << ratio;
@@ -133,7 +133,7 @@ TEST(Stress, AMotorTurnedBy172DegreesInOneStepDefeatsFullStepsAndTheRootFinderOn
   const Scene scene = builder.build();
   const Params p = with(scene, scene.model->parameters().index("joint1"), 3.0);
   EquilibriumOptions naive = at_once(400);
-  naive.line_search = LineSearch::none;
+  naive.comparison.line_search = LineSearch::none;
   EXPECT_NE(solved(scene, p, naive).report.status, SolveStatus::converged);
   const KinsolResult root = kinsol_equilibrium(*scene.model, p, Eigen::VectorXd::Zero(scene.model->unknowns()));
   EXPECT_EQ(root.status, SolveStatus::stalled);
@@ -268,8 +268,8 @@ TEST(Stress, AResidualThatIsSmallForTheStiffBlockStopsBeforeTheSoftOneHasMoved) 
     const Eigen::VectorXd across =
         mean_weights(scene.model->mesh(), scene.model->mesh().select("ymax"), Eigen::Vector2d(1, 0));
     EquilibriumOptions loose, rough, fine;
-    loose.stop_at_force = 1e-2;
-    rough.stop_at_force = 1e-3;
+    loose.comparison.stop_at_force = 1e-2;
+    rough.comparison.stop_at_force = 1e-3;
     fine.load_steps = 16;
     const double exact = across.dot(solved(scene, p, fine).u);
     EXPECT_GT(exact, 1e-3);
@@ -313,8 +313,8 @@ TEST(Stress, CablesBetweenSlackAndTautDefeatALineSearchOnTheEnergyAndFullStepsBu
     const Scene scene = netted(smoothing, &force);
     const Params p = with(scene, force, 0.2);
     EquilibriumOptions energy = at_once(100), full = energy;
-    energy.line_search = LineSearch::armijo;
-    full.line_search = LineSearch::none;
+    energy.comparison.line_search = LineSearch::armijo;
+    full.comparison.line_search = LineSearch::none;
     EXPECT_NE(solved(scene, p, energy).report.status, SolveStatus::converged) << smoothing;
     EXPECT_EQ(solved(scene, p, full).report.status == SolveStatus::converged, smoothing > 0);
     const Solved sound = solved(scene, p, at_once(100));
@@ -363,7 +363,7 @@ TEST(Stress, ACrumpledStartIsSmoothedOutOrRefusedAndFullStepsFoldIt) {
     Assembly energy;
     model.evaluate({start, p}, energy);
     EquilibriumOptions naive = at_once();
-    naive.line_search = LineSearch::none;
+    naive.comparison.line_search = LineSearch::none;
     Equilibrium sound(model, at_once()), full(model, naive);
     sound.start_at(start, p);
     full.start_at(start, p);
@@ -400,8 +400,8 @@ TEST(Stress, ASliverOfATenThousandthCostsTheDefaultNothing) {
     const Problem problem = beam(quality);
     const Params p = with(problem.scene, problem.force, 3);
     EquilibriumOptions full = at_once(), projected = at_once();
-    full.line_search = LineSearch::none;
-    projected.always_project = true;
+    full.comparison.line_search = LineSearch::none;
+    projected.comparison.always_project = true;
     EXPECT_NE(solved(problem.scene, p, full).report.status, SolveStatus::converged);
     const Solved sound = solved(problem.scene, p, at_once());
     ASSERT_EQ(sound.report.status, SolveStatus::converged) << sound.report.message();

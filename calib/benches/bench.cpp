@@ -1,0 +1,90 @@
+#include "calib/benches/bench.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+#include "calib/benches/static_replay.hpp"
+#include "sim/core/error.hpp"
+#include "sim/core/units.hpp"
+
+namespace taut {
+
+AxisRecord make_axis(std::string id, Quantity quantity, std::string label) {
+  return {std::move(id), std::string(name_of(quantity)), units_of(quantity).front(), std::move(label)};
+}
+
+AxisRecord make_axis(const ChannelSettings& channel) {
+  return make_axis(channel.id, quantity_of_si_unit(unit_of(channel.kind)), std::string(name_of(channel.kind)));
+}
+
+std::vector<int> indices_of(const std::vector<FreeParameter>& free) {
+  std::vector<int> indices;
+  for (const FreeParameter& parameter : free) indices.push_back(parameter.index);
+  return indices;
+}
+
+std::vector<FreeParameter> Bench::free() const {
+  return free_parameters(experiment_, protocol());
+}
+
+std::vector<FreeParameter> Bench::starts_after(const FitResult& main) const {
+  std::vector<FreeParameter> free = this->free();
+  for (FreeParameter& parameter : free) {
+    for (const ParameterEstimate& estimate : main.parameters) {
+      if (estimate.spec.id == protocol().parameters()[parameter.index].id) parameter.start = estimate.value;
+    }
+  }
+  return free;
+}
+
+std::unique_ptr<Bench> Bench::part(size_t /*control*/, double /*held*/) const {
+  throw InputError(fmt::format("{}: only readings at rest can be fitted in parts", experiment_.path));
+}
+
+std::unique_ptr<Bench> Bench::at_loads(const std::string& /*path*/) const {
+  throw InputError(fmt::format(
+      "{}: has no table of loads to predict at; use `taut replay` on the experiment with --set", experiment_.path));
+}
+
+std::vector<double> Bench::values_of(size_t control) const {
+  std::set<double> values;
+  for (const BenchReading& reading : readings_) values.insert(reading.controls[control]);
+  return {values.begin(), values.end()};
+}
+
+bool Bench::sets(const std::string& id) const {
+  return std::any_of(controls_.begin(), controls_.end(), [&](const AxisRecord& control) { return control.id == id; });
+}
+
+std::optional<double> Bench::declared_sigma(int channel, double value) const {
+  if (!experiment_.bench.sigma_column.empty()) return std::nullopt;
+  return experiment_.bench.channels[static_cast<size_t>(channel)].noise.sigma(value);
+}
+
+std::string Bench::control_text(size_t control, double value) const {
+  const std::string& unit = controls_[control].unit;
+  if (value != 0) return with_unit(value, unit);
+  double largest = 0;
+  for (const BenchReading& reading : readings_) largest = std::max(largest, std::abs(reading.controls[control]));
+  const DisplayUnit shown = display_unit(largest, unit);
+  return shown.name.empty() || shown.name == "1" ? "0" : "0 " + shown.name;
+}
+
+std::string Bench::describe_control(size_t control, double value) const {
+  return fmt::format("{} = {}", controls_[control].id, control_text(control, value));
+}
+
+void add_material_lines(const Experiment& experiment, Lines& lines) {
+  for (const MaterialSettings& material : experiment.materials) {
+    std::string text = material.law;
+    for (const auto& [id, value] : material.constants)
+      text += fmt::format(", {} = {}", id, with_unit(value, id == "E" ? "Pa" : "1"));
+    if (material.density) text += fmt::format(", density = {}", with_unit(*material.density, "kg/m3"));
+    lines.emplace_back("material " + material.region, text);
+  }
+}
+
+}  // namespace taut

@@ -1,0 +1,127 @@
+#include "calib/benches/material_point_bench.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <set>
+
+#include "sim/core/units.hpp"
+#include "sim/terms/solid.hpp"
+
+namespace taut {
+namespace {
+
+VariantSettings whole_fit(const Experiment& experiment) {
+  const MaterialSettings& material = experiment.materials.front();
+  VariantSettings fit;
+  fit.law = material.law;
+  fit.constants = material.constants;
+  for (const BenchFormat::Channel& mode : experiment.bench.channels) fit.modes.push_back(mode.id);
+  return fit;
+}
+
+}  // namespace
+
+MaterialPointBench::MaterialPointBench(Experiment experiment, Trials trials)
+    : MaterialPointBench(experiment, std::move(trials), whole_fit(experiment)) {}
+
+MaterialPointBench::MaterialPointBench(Experiment experiment, Trials trials, const VariantSettings& variant)
+    : Bench(std::move(experiment)),
+      trials_(std::move(trials)),
+      fit_(variant),
+      rows_(make_point_replay(experiment_.bench, trials_)),
+      protocol_(protocol_of(rows_.rows)) {
+  controls_ = {make_axis(trials_.control_ids.front(), Quantity::pure, "engineering strain")};
+  drawn_label_ = "strain";
+  for (const std::string& mode : trials_.channel_ids)
+    channels_.push_back(make_axis(mode, Quantity::pressure, "nominal stress"));
+  for (size_t i = 0; i < trials_.readings.size(); ++i) {
+    const Reading& from = trials_.readings[i];
+    const std::string& mode = trials_.channel_ids[static_cast<size_t>(from.channel)];
+    if (std::find(fit_.modes.begin(), fit_.modes.end(), mode) == fit_.modes.end()) continue;
+    measurements_.push_back(rows_.measurements[i]);
+    BenchReading& reading = readings_.emplace_back();
+    reading.line = from.line;
+    reading.trial = from.trial;
+    reading.channel = from.channel;
+    reading.controls = from.controls;
+    reading.value = from.value;
+    reading.sigma = from.sigma;
+    reading.row = rows_.measurements[i].row;
+  }
+}
+
+std::unique_ptr<UniaxialProtocol> MaterialPointBench::protocol_of(std::vector<PointRow> rows) const {
+  return std::make_unique<UniaxialProtocol>(experiment_.materials.front().region, fit_.law, fit_.constants,
+                                            std::move(rows));
+}
+
+std::unique_ptr<Bench> MaterialPointBench::with(const VariantSettings& variant) const {
+  return std::unique_ptr<Bench>(new MaterialPointBench(experiment_, trials_, variant));
+}
+
+std::string MaterialPointBench::model_text() const {
+  std::string text = fit_.law;
+  if (fit_.modes.size() == channels_.size()) return text;
+  for (size_t i = 0; i < fit_.modes.size(); ++i) text += fmt::format("{}{}", i == 0 ? ", " : " and ", fit_.modes[i]);
+  return text + " only";
+}
+
+std::string MaterialPointBench::size_text() const {
+  return fmt::format("{} readings of a material point", readings_.size());
+}
+
+/// The curve of each mode that was fitted, from zero to the largest strain and at every reading.
+std::vector<CurveRecord> MaterialPointBench::curves(const Params& p, const std::vector<FreeParameter>& free,
+                                                    const Eigen::MatrixXd& covariance, const Ask& ask) const {
+  constexpr int steps = 30;
+  std::vector<CurveRecord> curves;
+  for (const AxisRecord& mode : channels_) {
+    std::set<double> strains;
+    for (const BenchReading& reading : readings_) {
+      if (channels_[static_cast<size_t>(reading.channel)].id == mode.id) strains.insert(reading.controls.front());
+    }
+    if (strains.empty()) continue;
+    const double low = std::min(0.0, *strains.begin()), high = std::max(0.0, *strains.rbegin());
+    for (int i = 0; i <= steps; ++i) strains.insert(low + (high - low) * i / steps);
+    std::vector<PointRow> rows;
+    for (double strain : strains) rows.push_back({mode_named(mode.id), strain});
+    const std::unique_ptr<UniaxialProtocol> protocol = protocol_of(rows);
+    const Prediction prediction = ask(*protocol, p, indices_of(free));
+    const Eigen::VectorXd se = standard_errors(prediction, protocol->parameters(), p, free, covariance);
+    CurveRecord& curve = curves.emplace_back();
+    curve.channel = mode.id;
+    curve.series = fit_.name.empty() ? model_text() + " (this fit)" : fit_.name;
+    curve.load.assign(strains.begin(), strains.end());
+    curve.value.assign(prediction.values.begin(), prediction.values.end());
+    curve.se.assign(se.begin(), se.end());
+  }
+  return curves;
+}
+
+Lines MaterialPointBench::describe() const {
+  const MaterialSettings& material = experiment_.materials.front();
+  Lines lines{{"data", experiment_.simulated ? "simulated" : "measured"},
+              {"geometry", "material point: homogeneous deformation, free sides in tension and compression"}};
+  std::string text = material.law;
+  for (const ParameterSpec& spec : material_parameters(material.law))
+    text += fmt::format(", {} = {}", spec.id, with_unit(material.constants.at(spec.id), spec.unit));
+  lines.emplace_back("material " + material.region, text);
+  for (size_t channel = 0; channel < channels_.size(); ++channel) {
+    std::set<double> strains;
+    size_t count = 0;
+    for (const BenchReading& reading : readings_) {
+      if (reading.channel != static_cast<int>(channel)) continue;
+      strains.insert(reading.controls.front());
+      ++count;
+    }
+    if (count > 0)
+      lines.emplace_back(channels_[channel].id, fmt::format("{} readings, strains from {:.3g} to {:.3g} %", count,
+                                                            100 * *strains.begin(), 100 * *strains.rbegin()));
+  }
+  // The first remark counts conditions and trials as if each mode were read at every strain.
+  for (size_t i = 1; i < trials_.remarks.size(); ++i) lines.emplace_back("bench", trials_.remarks[i]);
+  return lines;
+}
+
+}  // namespace taut

@@ -1,0 +1,98 @@
+#include "calib/benches/static_replay.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "calib/benches/recordings.hpp"
+#include "sim/core/error.hpp"
+#include "sim/mesh/weights.hpp"
+#include "sim/shapes/geometry.hpp"
+#include "sim/terms/load.hpp"
+
+namespace taut {
+
+BenchRows rows_of_readings(const Experiment& experiment, const BenchModel& model, const Trials& trials) {
+  BenchRows bench;
+  const size_t offset_control =
+      experiment.zero_offset_per.empty() ? 0 : position_of_control(experiment, experiment.zero_offset_per);
+  std::vector<StaticRow>& rows = bench.rows;
+  for (const Reading& reading : trials.readings) {
+    const auto same = std::find_if(rows.begin(), rows.end(), [&](const StaticRow& row) {
+      return row.channel == reading.channel && row.controls == reading.controls;
+    });
+    const int row = static_cast<int>(same - rows.begin());
+    const auto offset = model.zero_offsets.empty() ? model.zero_offsets.end()
+                                                   : model.zero_offsets.find(reading.controls[offset_control]);
+    const int zero_offset = offset == model.zero_offsets.end() ? -1 : offset->second;
+    if (same == rows.end()) rows.push_back({reading.controls, reading.channel, zero_offset});
+    bench.row_of_reading.push_back(row);
+    bench.measurements.push_back({row, reading.value, reading.sigma, row});
+  }
+  return bench;
+}
+
+StaticReplay make_static_replay(const Experiment& experiment, const MeshSettings& settings, const Trials& trials) {
+  StaticReplay bench;
+  BenchModel model = make_model(experiment, settings, trials);
+  BenchRows rows = rows_of_readings(experiment, model, trials);
+  bench.row_of_reading = std::move(rows.row_of_reading);
+  bench.measurements = std::move(rows.measurements);
+  bench.cables = model.cables;
+  bench.contact = model.contact;
+  StaticProtocol::Options options;
+  options.equilibrium = experiment.equilibrium;
+  options.threads = experiment.threads;
+  options.from_unloaded = experiment.from_unloaded;
+  for (size_t k = 0; k < experiment.bench.controls.size(); ++k) {
+    if (experiment.cables.columns.count(experiment.bench.controls[k].id) > 0)
+      options.set_first.push_back(static_cast<int>(k));
+  }
+  options.equilibrium.check_path = !options.set_first.empty();
+  bench.protocol = std::make_unique<StaticProtocol>(std::move(model.scene), std::move(model.channels), model.controls,
+                                                    model.switched_off_at_rest, std::move(rows.rows), options);
+  return bench;
+}
+
+std::vector<FreeParameter> free_parameters(const Experiment& experiment, const Protocol& protocol) {
+  std::vector<FreeParameter> free;
+  for (const FreeSettings& settings : experiment.free) {
+    at(experiment, fmt::format("[fit.free.{}]", settings.id), [&] {
+      FreeParameter parameter;
+      if (settings.id == "thickness" && !protocol.parameters().contains("thickness"))
+        throw InputError("the thickness of a solid is that of its mesh and cannot be fitted; free it in a plane model");
+      parameter.index = protocol.parameters().index(settings.id);
+      for (const BenchFormat::Control& control : experiment.bench.controls) {
+        if (control.id == settings.id)
+          throw InputError(
+              fmt::format("'{}' is set by the bench, row by row, and cannot be fitted; free a parameter of the model",
+                          settings.id));
+      }
+      const ParameterSpec& spec = protocol.parameters()[parameter.index];
+      auto given = [&](const std::optional<GivenValue>& value, double otherwise) {
+        return value ? parse_quantity(value->text, quantity_of_si_unit(spec.unit), value->where) : otherwise;
+      };
+      parameter.start = given(settings.start, protocol.nominal()[parameter.index]);
+      parameter.lower = given(settings.lower, spec.lower);
+      parameter.upper = given(settings.upper, spec.upper);
+      for (double value : {parameter.lower, parameter.start, parameter.upper})
+        protocol.parameters().check(parameter.index, value);
+      if (!(parameter.lower <= parameter.start && parameter.start <= parameter.upper &&
+            parameter.lower < parameter.upper)) {
+        throw InputError(fmt::format("the start {} must lie between the bounds {} and {}",
+                                     with_unit(parameter.start, spec.unit), with_unit(parameter.lower, spec.unit),
+                                     with_unit(parameter.upper, spec.unit)));
+      }
+      free.push_back(parameter);
+    });
+  }
+  return free;
+}
+
+double load_in_newtons(const Experiment& experiment, Quantity quantity, double value_si) {
+  return quantity == Quantity::mass ? value_si * experiment.gravity : value_si;
+}
+
+}  // namespace taut

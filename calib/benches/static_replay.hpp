@@ -1,0 +1,35 @@
+#pragma once
+#include <memory>
+#include <vector>
+
+#include "calib/benches/model.hpp"
+#include "calib/fit/fit.hpp"
+
+namespace taut {
+
+/// Readings as rows: one row per distinct (controls, channel), readings of one row are repeats.
+struct BenchRows {
+  std::vector<StaticRow> rows;
+  std::vector<int> row_of_reading;
+  std::vector<Measurement> measurements;
+};
+BenchRows rows_of_readings(const Experiment& experiment, const BenchModel& model, const Trials& trials);
+
+/// Readings as rows of a static protocol.
+struct StaticReplay {
+  std::unique_ptr<StaticProtocol> protocol;
+  std::vector<Cable> cables;
+  const Contact* contact = nullptr;  ///< of its model, in 2D
+  std::vector<int> row_of_reading;
+  std::vector<Measurement> measurements;
+};
+StaticReplay make_static_replay(const Experiment& experiment, const MeshSettings& settings, const Trials& trials);
+
+/// The experiment's free parameters with starts and bounds filled in from the model. Throws InputError for unknown ids,
+/// a start outside its bounds, and bounds outside the physical range.
+std::vector<FreeParameter> free_parameters(const Experiment& experiment, const Protocol& protocol);
+
+/// A load as a force [N] for figures: itself, a mass times gravity; other quantities as they are.
+double load_in_newtons(const Experiment& experiment, Quantity quantity, double value_si);
+
+}  // namespace taut

@@ -1,0 +1,427 @@
+#include "calib/models/beam_chain.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <type_traits>
+
+#include "sim/core/jet.hpp"
+
+namespace taut {
+namespace {
+
+using Chain = BeamProtocol::Chain;
+
+constexpr double infinity = std::numeric_limits<double>::infinity();
+/// Width of the transition in which a lip begins to press [m]; a corner that presses at once would have a kink.
+constexpr double lip_smoothing = 2e-6;
+
+/// Neo-Hookean energy per volume [Pa] of a fibre while `free` of its two lateral directions move as they like, by a
+/// common stretch l that minimises it, mu (l^2 - 1) + lambda (ln stretch + free ln l) = 0, and the others not at all.
+template <class T, class P>
+T fibre_energy(const T& stretch, int free, const P& mu, const P& lambda) {
+  using std::log;
+  if (!(value_of(stretch) > 0)) return T(infinity);
+  const T axial = log(stretch);
+  if (free == 0) return 0.5 * mu * (stretch * stretch - 1.0) - mu * axial + 0.5 * lambda * axial * axial;
+  const double m = value_of(mu), c = value_of(lambda), n = free;
+  const auto slope = [&](double l) { return 2 * m * l + c * n / l; };
+  double l = 1;
+  for (int i = 0; i < 50; ++i) {
+    const double step = -(m * (l * l - 1) + c * (value_of(axial) + n * std::log(l))) / slope(l);
+    l = std::max(l + step, 0.1 * l);
+    if (std::abs(step) < 1e-15 * l) break;
+  }
+  // One more step with derivatives makes those of l right to first order: enough, where l minimises, for two of the
+  // energy.
+  const T lateral = l - (mu * (l * l - 1) + lambda * (axial + n * std::log(l))) / slope(l);
+  const T volume = axial + n * log(lateral);
+  return 0.5 * mu * (stretch * stretch - 1.0 + n * (lateral * lateral - 1.0)) - mu * volume +
+         0.5 * lambda * volume * volume;
+}
+
+/// phi(e) and its derivatives for unit stiffness: a spring that only pulls, smooth as sim/terms/cable.hpp has it.
+Jet<1> one_sided(double e, double smoothing) {
+  Jet<1> phi;
+  const double z = e + 0.5 * smoothing;
+  if (z <= 0) return phi;
+  const bool taut = z >= smoothing;
+  phi.v = taut ? 0.5 * e * e + smoothing * smoothing / 24 : z * z * z / (6 * smoothing);
+  phi.g[0] = taut ? e : z * z / (2 * smoothing);
+  phi.H(0, 0) = taut ? 1 : z / smoothing;
+  return phi;
+}
+
+template <class T>
+T variable(double value, int index) {
+  if constexpr (std::is_same_v<T, double>)
+    return value;
+  else
+    return T::variable(value, index);
+}
+
+/// Where a point is, by the unknowns of its body, which are the variables from `first` on.
+template <class T>
+std::array<T, 2> place(const Chain& chain, const BodyPoint& point, const Eigen::VectorXd& x, int first) {
+  if (point.body < 0) return {T(point.rest.x()), T(point.rest.y())};
+  const Eigen::Vector2d centre = chain.centres[static_cast<size_t>(point.body)], arm = point.rest - centre;
+  const auto unknown = [&](int i) { return variable<T>(x[3 * point.body + i], first + i); };
+  using std::cos;
+  using std::sin;
+  const T angle = unknown(2), c = cos(angle), s = sin(angle);
+  return {centre.x() + unknown(0) + arm.x() * c - arm.y() * s, centre.y() + unknown(1) + arm.x() * s + arm.y() * c};
+}
+
+template <class T>
+T angle_of(int body, const Eigen::VectorXd& x, int first) {
+  return body < 0 ? T(0.0) : variable<T>(x[3 * body + 2], first + 2);
+}
+
+/// Lengthening, shear and turning (e, s, k) of a span.
+template <class T>
+std::array<T, 3> deformation(const Chain& chain, const ChainSpan& span, const Eigen::VectorXd& x) {
+  using std::cos;
+  using std::sin;
+  const std::array<T, 2> a = place<T>(chain, span.left, x, 0), b = place<T>(chain, span.right, x, 3);
+  const T left = angle_of<T>(span.left.body, x, 0), right = angle_of<T>(span.right.body, x, 3);
+  const T middle = 0.5 * (left + right), c = cos(middle), s = sin(middle);
+  const T dx = b[0] - a[0], dy = b[1] - a[1];
+  return {c * dx + s * dy - span.length, c * dy - s * dx, right - left};
+}
+
+/// Energy of a span per thickness [N] by its deformation and the foam's constants.
+template <class T, class P>
+T span_energy(bool plane_stress, const ChainSpan& span, const std::array<T, 3>& deformation, const P& youngs,
+              const P& poisson) {
+  using std::sqrt;
+  using std::tanh;
+  const auto& [e, s, k] = deformation;
+  const double L = span.length, h = span.height;
+  const P mu = youngs / (2.0 * (1.0 + poisson));
+  const P lambda = youngs * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson));
+  const P loose_modulus = plane_stress ? P(youngs) : P(youngs / (1.0 - poisson * poisson));
+  const P kept_modulus = plane_stress ? P(youngs / (1.0 - poisson * poisson)) : P(lambda + 2.0 * mu);
+  const auto near_ends = [&](const P& a_squared) {
+    if (span.bonded == 0) return P(0.0);
+    const P q = sqrt(a_squared) * (L / (span.bonded * h));
+    return P(tanh(q) / q);
+  };
+  // The share of w_kept whose modulus has the compliance (1 - beta)/E' + beta/M.
+  const auto share_of = [&](const P& beta) {
+    return P(beta * loose_modulus / ((1.0 - beta) * kept_modulus + beta * loose_modulus));
+  };
+  const P mean = share_of(near_ends(12.0 * loose_modulus / mu));
+  const P bending = share_of(near_ends(60.0 * loose_modulus / mu));
+  const P warping = near_ends(140.0 * mu / kept_modulus);
+  const int free = plane_stress ? 2 : 1;
+  const auto mixed = [](const auto& loose, const auto& kept, const P& share) {
+    return (1.0 - share) * loose + share * kept;
+  };
+  const auto fibre = [&](const T& stretch, const P& share) {
+    const T loose = fibre_energy(stretch, free, mu, lambda);
+    return span.bonded == 0 ? loose : mixed(loose, fibre_energy(stretch, free - 1, mu, lambda), share);
+  };
+  const T stretch = 1.0 + e / L;
+  T sum = (h * L) * fibre(stretch, mean);
+  // Gauss points over the height; the one in the middle is the fibre that the others are compared with.
+  constexpr double place[2] = {0.5384693101056831, 0.9061798459386640};
+  constexpr double weight[2] = {0.4786286704993665, 0.2369268850561891};
+  const T middle = fibre(stretch, bending);
+  for (int i = 0; i < 2; ++i) {
+    const T turned = (0.5 * h * place[i] / L) * k;
+    sum = sum + (0.5 * h * L * weight[i]) *
+                    (fibre(stretch + turned, bending) + fibre(stretch - turned, bending) - 2.0 * middle);
+  }
+  const P tangent = mixed(loose_modulus, kept_modulus, bending);
+  const P compliance = L * L * L / (tangent * (h * h * h)) + (1.2 - 0.2 * warping) * L / (mu * h);
+  return sum + 0.5 * s * s / compliance;
+}
+
+double stiffness_of_lips(const Chain& chain, const Params& p) {
+  return chain.lip_shape * p[chain.thickness] * (chain.E_plastic < 0 ? 1e10 : p[chain.E_plastic]);
+}
+
+/// Distance of a corner from the face, positive while open.
+template <class T>
+T gap(const Chain& chain, const LipCorner& lip, const Eigen::VectorXd& x) {
+  using std::cos;
+  using std::sin;
+  const std::array<T, 2> corner = place<T>(chain, lip.corner, x, 0), face = place<T>(chain, lip.face, x, 3);
+  const T angle = angle_of<T>(lip.face.body, x, 3);
+  return cos(angle) * (face[0] - corner[0]) + sin(angle) * (face[1] - corner[1]);
+}
+
+template <class T>
+T distance(const Chain& chain, const std::array<BodyPoint, 2>& ends, const Eigen::VectorXd& x) {
+  using std::sqrt;
+  const std::array<T, 2> a = place<T>(chain, ends[0], x, 0), b = place<T>(chain, ends[1], x, 3);
+  const T dx = b[0] - a[0], dy = b[1] - a[1];
+  return sqrt(dx * dx + dy * dy);
+}
+
+double elongation(const Chain& chain, const ChainCable& cable, const Eigen::VectorXd& x, const Params& p) {
+  double e = (cable.retraction < 0 ? 0.0 : p[cable.retraction]) - p[chain.slack];
+  for (const auto& ends : cable.free_lengths)
+    e += distance<double>(chain, ends, x) - (ends[1].rest - ends[0].rest).norm();
+  return e;
+}
+
+double force(const ChainLoad& load, const Params& p) {
+  return p[load.value] * (load.times < 0 ? 1.0 : p[load.times]);
+}
+/// Adds up the energies of pairs of bodies, with derivatives.
+class Assembler {
+ public:
+  Assembler(const Chain& chain, const Eigen::VectorXd& x, const Params& p, const std::vector<int>& free)
+      : chain_(chain), x_(x), p_(p), free_(free) {
+    sum_.gradient = Eigen::VectorXd::Zero(x.size());
+    sum_.hessian = Eigen::MatrixXd::Zero(x.size(), x.size());
+    sum_.mixed = Eigen::MatrixXd::Zero(x.size(), static_cast<Eigen::Index>(free.size()));
+  }
+  /// N: deformations only (3), or the foam's two constants too (5).
+  template <int N>
+  void add(const ChainSpan& span);
+  void add(const ChainCable& cable);
+  void add(const LipCorner& lip);
+  void add(const ChainLoad& load);
+  ChainEnergy result() { return std::move(sum_); }
+
+ private:
+  using Pair = std::array<int, 2>;  ///< bodies, whose unknowns are local ones: those of the first one first
+  using Vector6 = Eigen::Matrix<double, 6, 1>;
+  using Matrix6 = Eigen::Matrix<double, 6, 6>;
+  /// -1 for what belongs to a fixed body and is dropped.
+  static int unknown(const Pair& pair, int i) {
+    const int body = pair[static_cast<size_t>(i / 3)];
+    return body < 0 ? -1 : 3 * body + i % 3;
+  }
+  template <class To>
+  static void add_gradient(const Pair& pair, const Vector6& local, To&& to) {
+    for (int i = 0; i < 6; ++i) {
+      if (unknown(pair, i) >= 0) to[unknown(pair, i)] += local[i];
+    }
+  }
+  void add_hessian(const Pair& pair, const Matrix6& local) {
+    for (int i = 0; i < 6; ++i) {
+      for (int j = 0; j < 6; ++j) {
+        if (unknown(pair, i) >= 0 && unknown(pair, j) >= 0)
+          sum_.hessian(unknown(pair, i), unknown(pair, j)) += local(i, j);
+      }
+    }
+  }
+  void add(const Pair& pair, double energy, const Vector6& gradient, const Matrix6& hessian) {
+    sum_.energy += energy;
+    add_gradient(pair, gradient, sum_.gradient);
+    add_hessian(pair, hessian);
+  }
+  void add_mixed(const Pair& pair, int index, const Vector6& local) {
+    for (size_t c = 0; c < free_.size(); ++c) {
+      if (free_[c] == index) add_gradient(pair, local, sum_.mixed.col(static_cast<Eigen::Index>(c)));
+    }
+  }
+
+  const Chain& chain_;
+  const Eigen::VectorXd& x_;
+  const Params& p_;
+  const std::vector<int>& free_;
+  ChainEnergy sum_;
+};
+
+template <int N>
+void Assembler::add(const ChainSpan& span) {
+  const Pair pair{span.left.body, span.right.body};
+  const std::array<Jet<6>, 3> q = deformation<Jet<6>>(chain_, span, x_);
+  Eigen::Matrix<double, 6, 3> J;
+  for (int i = 0; i < 3; ++i) J.col(i) = q[static_cast<size_t>(i)].g;
+  std::array<Jet<N>, 3> local;
+  for (int i = 0; i < 3; ++i) local[static_cast<size_t>(i)] = Jet<N>::variable(q[static_cast<size_t>(i)].v, i);
+  const double t = p_[chain_.thickness], youngs = p_[chain_.E], poisson = p_[chain_.nu];
+  Jet<N> stored;
+  if constexpr (N == 3) {
+    stored = span_energy(chain_.plane_stress, span, local, youngs, poisson);
+  } else {
+    stored = span_energy(chain_.plane_stress, span, local, Jet<N>::variable(youngs, 3), Jet<N>::variable(poisson, 4));
+    add_mixed(pair, chain_.E, J * (t * stored.H.template block<3, 1>(0, 3)));
+    add_mixed(pair, chain_.nu, J * (t * stored.H.template block<3, 1>(0, 4)));
+    add_mixed(pair, chain_.thickness, J * stored.g.template head<3>());
+  }
+  const Eigen::Vector3d slope = t * stored.g.template head<3>();
+  const Eigen::Matrix3d curvature = t * stored.H.template topLeftCorner<3, 3>();
+  Matrix6 H = J * curvature * J.transpose();
+  for (int i = 0; i < 3; ++i) H += slope[i] * q[static_cast<size_t>(i)].H;
+  add(pair, t * stored.v, J * slope, H);
+}
+
+void Assembler::add(const ChainCable& cable) {
+  const Jet<1> phi = one_sided(elongation(chain_, cable, x_, p_), cable.smoothing);
+  const double k = p_[chain_.k_cable];
+  sum_.energy += k * phi.v;
+  if (phi.g[0] == 0) return;
+  Eigen::VectorXd along = Eigen::VectorXd::Zero(x_.size());
+  for (const auto& ends : cable.free_lengths) {
+    const Pair pair{ends[0].body, ends[1].body};
+    const Jet<6> length = distance<Jet<6>>(chain_, ends, x_);
+    add_gradient(pair, length.g, along);
+    add_hessian(pair, k * phi.g[0] * length.H);
+  }
+  sum_.gradient += k * phi.g[0] * along;
+  sum_.hessian += k * phi.H(0, 0) * along * along.transpose();
+  for (Eigen::Index c = 0; c < sum_.mixed.cols(); ++c) {
+    const int index = free_[static_cast<size_t>(c)];
+    if (index == chain_.k_cable) sum_.mixed.col(c) += phi.g[0] * along;
+    if (index == chain_.slack) sum_.mixed.col(c) -= k * phi.H(0, 0) * along;
+    if (index == cable.retraction) sum_.mixed.col(c) += k * phi.H(0, 0) * along;
+  }
+}
+
+void Assembler::add(const LipCorner& lip) {
+  const Jet<1> phi = one_sided(-gap<double>(chain_, lip, x_), lip_smoothing);
+  if (phi.g[0] == 0) return;
+  const Pair pair{lip.corner.body, lip.face.body};
+  const double stiffness = stiffness_of_lips(chain_, p_);
+  const Jet<6> open = gap<Jet<6>>(chain_, lip, x_);
+  const Vector6 push = -stiffness * phi.g[0] * open.g;
+  add(pair, stiffness * phi.v, push, stiffness * (phi.H(0, 0) * open.g * open.g.transpose() - phi.g[0] * open.H));
+  if (chain_.E_plastic >= 0) add_mixed(pair, chain_.E_plastic, push / p_[chain_.E_plastic]);
+  add_mixed(pair, chain_.thickness, push / p_[chain_.thickness]);
+}
+
+void Assembler::add(const ChainLoad& load) {
+  const Pair pair{load.at.body, -1};
+  const std::array<Jet<6>, 2> at = place<Jet<6>>(chain_, load.at, x_, 0);
+  const Jet<6> way = load.direction.x() * at[0] + load.direction.y() * at[1];
+  const double newtons = force(load, p_);
+  add(pair, -newtons * (way.v - load.direction.dot(load.at.rest)), -newtons * way.g, -newtons * way.H);
+  add_mixed(pair, load.value, -(load.times < 0 ? 1.0 : p_[load.times]) * way.g);
+  if (load.times >= 0) add_mixed(pair, load.times, -p_[load.value] * way.g);
+}
+
+}  // namespace
+
+double BeamProtocol::Chain::energy(const Eigen::VectorXd& x, const Params& p) const {
+  double sum = 0;
+  for (const ChainSpan& span : spans)
+    sum += p[thickness] * span_energy(plane_stress, span, deformation<double>(*this, span, x), p[E], p[nu]);
+  for (const ChainCable& cable : cables)
+    sum += p[k_cable] * one_sided(elongation(*this, cable, x, p), cable.smoothing).v;
+  for (const LipCorner& lip : lips)
+    sum += stiffness_of_lips(*this, p) * one_sided(-gap<double>(*this, lip, x), lip_smoothing).v;
+  for (const ChainLoad& load : loads) {
+    const std::array<double, 2> at = place<double>(*this, load.at, x, 0);
+    sum -= force(load, p) * load.direction.dot(Eigen::Vector2d(at[0], at[1]) - load.at.rest);
+  }
+  return sum;
+}
+
+ChainEnergy BeamProtocol::Chain::assemble(const Eigen::VectorXd& x, const Params& p,
+                                          const std::vector<int>& free) const {
+  Assembler sum(*this, x, p, free);
+  for (const ChainSpan& span : spans) {
+    if (free.empty()) {
+      sum.add<3>(span);
+    } else {
+      sum.add<5>(span);
+    }
+  }
+  for (const ChainCable& cable : cables) sum.add(cable);
+  for (const LipCorner& lip : lips) sum.add(lip);
+  for (const ChainLoad& load : loads) sum.add(load);
+  return sum.result();
+}
+
+std::string BeamProtocol::Chain::solve(Eigen::VectorXd& x, const Params& p, int& factorisations) const {
+  constexpr double negligible = 1e-11;  // [m]; angles times a span's length
+  const double size = spans.front().length;
+  Eigen::VectorXd unit = Eigen::VectorXd::Ones(x.size());
+  for (Eigen::Index i = 2; i < x.size(); i += 3) unit[i] = size;
+  for (int iteration = 0; iteration < 100; ++iteration) {
+    const ChainEnergy sum = assemble(x, p, {});
+    ++factorisations;
+    const Eigen::LLT<Eigen::MatrixXd> factor(sum.hessian);
+    const bool convex = factor.info() == Eigen::Success;
+    Eigen::VectorXd step;
+    if (convex) {
+      step = -factor.solve(sum.gradient);
+    } else {
+      // Downhill all the same: curvatures by their size.
+      const Eigen::MatrixXd scaled = unit.cwiseInverse().asDiagonal() * sum.hessian * unit.cwiseInverse().asDiagonal();
+      const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> modes(scaled);
+      const Eigen::VectorXd curvatures =
+          modes.eigenvalues().cwiseAbs().cwiseMax(1e-9 * modes.eigenvalues().cwiseAbs().maxCoeff());
+      const Eigen::VectorXd downhill = unit.cwiseInverse().asDiagonal() * sum.gradient;
+      step = -(unit.cwiseInverse().asDiagonal() *
+               (modes.eigenvectors() * (modes.eigenvectors().transpose() * downhill).cwiseQuotient(curvatures)).eval());
+    }
+    if (!step.allFinite()) return "the energy is not finite";
+    const double length = step.cwiseProduct(unit).cwiseAbs().maxCoeff();
+    if (length < negligible) {
+      x += step;
+      return convex ? "" : "the equilibrium is not stable";
+    }
+    const double slope = sum.gradient.dot(step);
+    double fraction = std::min(1.0, 0.5 * size / length);
+    // Below a tenth of a micrometre energies differ by rounding.
+    const auto accepted = [&] {
+      const double reached = energy(x + fraction * step, p);
+      return std::isfinite(reached) && (reached <= sum.energy + 1e-4 * fraction * slope || fraction * length < 1e-8);
+    };
+    while (!accepted() && fraction > 1e-12) fraction *= 0.5;
+    x += fraction * step;
+  }
+  return "Newton's method does not converge";
+}
+
+std::string BeamProtocol::Chain::solve_in_steps(Eigen::VectorXd& x, const Params& from, const Params& to,
+                                                int& factorisations) const {
+  double done = 0, step = 1;
+  while (done < 1) {
+    Eigen::VectorXd next = x;
+    const double until = std::min(1.0, done + step);
+    const std::string problem = solve(next, from + until * (to - from), factorisations);
+    if (problem.empty()) {
+      x = next;
+      done = until;
+      continue;
+    }
+    step *= 0.5;
+    if (step < 1.0 / 64) return problem;
+  }
+  return "";
+}
+
+double BeamProtocol::Chain::stated_error(const Eigen::VectorXd& x, const Params& p) const {
+  std::map<int, std::array<bool, 2>> closed;  // cell to its sides
+  for (const LipCorner& lip : lips) {
+    if (gap<double>(*this, lip, x) < 0) closed[lip.cell][lip.side > 0 ? 0 : 1] = true;
+  }
+  for (const auto& [cell, sides] : closed) {
+    if (sides[0] && sides[1]) return infinity;
+  }
+  const ChainSpan& first = spans.front();
+  if (first.bonded < 2) {
+    const double turned = x[x.size() - 1], length = first.length * static_cast<double>(spans.size());
+    if (length < first.height || p[nu] > 0.45) return infinity;
+    return 0.01 + 0.15 * first.height / length * turned * turned;
+  }
+  const double slenderness = first.length / first.height, poisson = p[nu];
+  if (slenderness < 0.2 || slenderness > 1 || poisson > 0.45) return infinity;
+  // What bonding can add to the modulus, M/E' - 1.
+  const double excess = poisson * poisson / (plane_stress ? 1 - poisson * poisson : 1 - 2 * poisson);
+  double compression = 0;
+  for (const ChainSpan& span : spans)
+    compression = std::max(compression, -deformation<double>(*this, span, x)[0] / span.length);
+  return 0.02 + 0.04 * excess + (0.15 + 0.5 * slenderness * slenderness) * compression +
+         2 * std::max(0.0, compression - 0.25) + (E_plastic < 0 ? 0.0 : 150 * p[E] / p[E_plastic]);
+}
+
+std::pair<double, Eigen::RowVector3d> BeamProtocol::Chain::read(size_t channel, const Eigen::VectorXd& x) const {
+  const ChainChannel& reading = channels[channel];
+  const std::array<Jet<6>, 2> at = place<Jet<6>>(*this, reading.at, x, 0);
+  const Jet<6> y = reading.direction.x() * at[0] + reading.direction.y() * at[1];
+  return {y.v - reading.direction.dot(reading.at.rest), y.g.head<3>().transpose()};
+}
+
+}  // namespace taut

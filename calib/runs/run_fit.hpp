@@ -1,0 +1,41 @@
+#pragma once
+#include <atomic>
+#include <functional>
+#include <string>
+#include <string_view>
+
+#include "calib/runs/evaluation_log.hpp"
+#include "calib/runs/run_record.hpp"
+
+namespace taut {
+
+struct RunOptions {
+  bool variants = true;                     ///< the [[fit.variant]] too
+  const std::atomic<bool>* stop = nullptr;  ///< end soon, with what is finished
+};
+
+/// What a run tells while it goes. All may be empty.
+struct RunEvents {
+  std::function<void(const std::string&)> say;   ///< a line that stays
+  std::function<void(const std::string&)> show;  ///< a line that the next one replaces
+  std::function<void(std::string_view stage)> begins;
+  std::function<void(const RunRecord&)> keep;       ///< the fit is finished, or a stage after it: write it down
+  std::function<void(const SolvedStates&)> states;  ///< of the replay, for drawings in full
+};
+
+/// The record of a bench before anything is computed: title, set-up, readings with predictions NaN, references. Throws
+/// InputError for references to parameters that are not there.
+RunRecord start_record(const Bench& bench);
+
+/// Puts a protocol's values beside the readings.
+void fill_predictions(const Bench& bench, const Eigen::VectorXd& values, const Eigen::VectorXd& standard_errors,
+                      RunRecord& record);
+
+/// The whole of `taut fit` on a bench: the fit, and once that is kept, stage by stage, a cold replay, curves, shapes,
+/// shares of mesh and contact gap, parts of the readings alone, variants. A stage that throws is a sentence among the
+/// record's remarks and costs itself alone. What the log knows is not computed again. When the fit fails at its start
+/// (FitStatus::start_failed), nothing follows and nothing is kept.
+RunRecord run_fit(Bench& bench, RunRecord record, EvaluationLog& log, const RunOptions& options = {},
+                  const RunEvents& events = {});
+
+}  // namespace taut

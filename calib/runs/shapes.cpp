@@ -1,0 +1,135 @@
+#include "calib/runs/shapes.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "sim/mesh/loops.hpp"
+
+namespace taut {
+namespace {
+
+/// Lines to draw, with the number of facets that have them: in 2D the boundary, in 3D the edges of the faces that look
+/// at the viewer (an edge between two of them is inside).
+std::map<std::array<int, 2>, int> visible_lines(const Mesh& mesh, const std::array<int, 2>& plane) {
+  const int d = mesh.dimension();
+  const Tag facets = boundary(mesh);
+  std::map<std::array<int, 2>, int> uses;
+  const auto add = [&](int one, int two) { ++uses[{std::min(one, two), std::max(one, two)}]; };
+  for (int f = 0; f < facets.count(); ++f) {
+    const int* node = facets.entities.data() + static_cast<size_t>(f) * facets.nodes_per_entity;
+    if (d == 3) {
+      const Eigen::Vector3d a = mesh.node(node[1]) - mesh.node(node[0]), b = mesh.node(node[2]) - mesh.node(node[0]);
+      if (a.cross(b).normalized()[3 - plane[0] - plane[1]] > -0.7) continue;
+    }
+    for (int c = 0; c < (d == 2 ? 1 : 3); ++c) {
+      const int from = node[c], to = node[(c + 1) % d], mid = facets.nodes_per_entity > d ? node[d + c] : -1;
+      if (mid < 0) {
+        add(from, to);
+      } else {
+        add(from, mid);
+        add(mid, to);
+      }
+    }
+  }
+  return uses;
+}
+
+/// To a nanometre: finer digits would only fill the file.
+double rounded(double metres) {
+  return std::round(1e9 * metres) / 1e9;
+}
+
+Eigen::Vector2d place_of(const CablePoint& point, const Eigen::VectorXd& x) {
+  if (point.material.nodes.empty()) return point.fixed;
+  Eigen::Vector2d at = Eigen::Vector2d::Zero();
+  for (size_t i = 0; i < point.material.nodes.size(); ++i)
+    at += point.material.weights[i] * x.segment<2>(2 * point.material.nodes[i]);
+  return at;
+}
+
+/// Draws one state after the other.
+class Drawing {
+ public:
+  explicit Drawing(const SolvedStates& states)
+      : states_(states), mesh_(*states.mesh), plane_(drawing_plane(states)), lines_(visible_lines(mesh_, plane_)) {
+    for (size_t r = 0; mesh_.dimension() == 2 && r < mesh_.region_names.size(); ++r)
+      outlines_.push_back(region_loops(mesh_, static_cast<int>(r)));
+  }
+
+  ShapeRecord draw(const SolvedState& state) const {
+    ShapeRecord shape;
+    shape.label = state.label;
+    shape.row = state.row;
+    shape.column = state.column;
+    const int d = mesh_.dimension();
+    const Eigen::VectorXd x = mesh_.X + state.u;
+    for (const auto& [line, count] : lines_) {
+      if (count > 1) continue;
+      const Eigen::Index a = static_cast<Eigen::Index>(line[0]) * d, b = static_cast<Eigen::Index>(line[1]) * d;
+      shape.segments.push_back({x[a + plane_[0]], x[a + plane_[1]], x[b + plane_[0]], x[b + plane_[1]]});
+    }
+    if (d == 2) add_areas_and_cables(x, shape);
+    return shape;
+  }
+
+ private:
+  void add_areas_and_cables(const Eigen::VectorXd& x, ShapeRecord& shape) const {
+    for (size_t r = 0; r < outlines_.size(); ++r) {
+      ShapeRecord::Area& area = shape.areas.emplace_back();
+      area.region = mesh_.region_names[r];
+      for (const std::vector<int>& loop : outlines_[r]) {
+        ShapeRecord::Line& line = area.loops.emplace_back();
+        for (int node : loop) line.push_back({rounded(x[2 * node]), rounded(x[2 * node + 1])});
+      }
+    }
+    for (const Cable& cable : states_.cables) {
+      ShapeRecord::Line& line = shape.cables.emplace_back();
+      for (const CablePoint& point : cable.points) {
+        const Eigen::Vector2d at = place_of(point, x);
+        line.push_back({rounded(at[0]), rounded(at[1])});
+      }
+    }
+  }
+
+  const SolvedStates& states_;
+  const Mesh& mesh_;
+  std::array<int, 2> plane_;
+  std::map<std::array<int, 2>, int> lines_;
+  std::vector<std::vector<std::vector<int>>> outlines_;  ///< of each region, in 2D
+};
+
+}  // namespace
+
+std::array<int, 2> drawing_plane(const SolvedStates& states) {
+  const Mesh& mesh = *states.mesh;
+  const int d = mesh.dimension();
+  if (d == 2) return {0, 1};
+  Eigen::VectorXd lower = Eigen::VectorXd::Constant(d, 1e300), upper = -lower;
+  for (int i = 0; i < mesh.node_count(); ++i) {
+    lower = lower.cwiseMin(mesh.node(i));
+    upper = upper.cwiseMax(mesh.node(i));
+  }
+  int vertical = d - 1;
+  for (int i = 0; i < d && !states.down.empty(); ++i) {
+    if (std::abs(states.down[static_cast<size_t>(i)]) > std::abs(states.down[static_cast<size_t>(vertical)]))
+      vertical = i;
+  }
+  int horizontal = -1;
+  for (int i = 0; i < d; ++i) {
+    if (i != vertical && (horizontal < 0 || upper[i] - lower[i] > upper[horizontal] - lower[horizontal]))
+      horizontal = i;
+  }
+  return {horizontal, vertical};
+}
+
+std::vector<ShapeRecord> draw_shapes(const SolvedStates& states) {
+  if (states.mesh == nullptr) return {};
+  const Drawing drawing(states);
+  std::vector<ShapeRecord> shapes{drawing.draw({"rest", "", "", Eigen::VectorXd::Zero(states.mesh->X.size())})};
+  for (const SolvedState& state : states.states) shapes.push_back(drawing.draw(state));
+  return shapes;
+}
+
+}  // namespace taut

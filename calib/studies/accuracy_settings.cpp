@@ -1,0 +1,483 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "calib/benches/recordings.hpp"
+#include "calib/studies/accuracy.hpp"
+#include "calib/studies/discretisation.hpp"
+#include "sim/core/error.hpp"
+#include "sim/core/stopwatch.hpp"
+#include "sim/core/units.hpp"
+#include "sim/robots/simulate.hpp"
+#include "sim/shapes/geometry.hpp"
+
+namespace taut {
+namespace {
+
+/// An element with its formulation, and how a legend calls it.
+struct Element {
+  int order;
+  Formulation formulation;
+  std::string name;
+};
+
+std::vector<Element> elements_for(bool locking_free) {
+  std::vector<Element> elements{{1, Formulation::standard, "linear elements"},
+                                {2, Formulation::standard, "quadratic elements"}};
+  if (locking_free) elements.push_back({2, Formulation::locking_free, "quadratic, locking-free"});
+  return elements;
+}
+
+/// How much finer than the file's own mesh.
+std::vector<double> mesh_factors(int dimension, int order) {
+  if (dimension == 2) return {0.5, 0.7, 1, 1.4, 2};
+  return order == 1 ? std::vector{0.65, 1.0, 1.45, 2.0} : std::vector{0.43, 0.65, 1.0, 1.45};
+}
+
+/// Work of one factorisation, in no unit: nested dissection takes n^1.5 in 2D and n^2 in 3D.
+double work(double unknowns, int dimension) {
+  return std::pow(unknowns, dimension == 2 ? 1.5 : 2.0);
+}
+
+double work(const Mesh& mesh) {
+  return work(static_cast<double>(mesh.X.size()), mesh.dimension());
+}
+
+/// Unless another one is called the same: then the setting in use stays.
+void add_setting(AccuracyStudy& study, AccuracySetting setting) {
+  const auto known = std::ranges::find(study.settings, setting.name, &AccuracySetting::name);
+  if (known == study.settings.end()) {
+    study.settings.push_back(std::move(setting));
+  } else if (setting.in_use) {
+    *known = std::move(setting);
+  }
+}
+
+// ---- runs
+
+Experiment stoppable(Experiment experiment, const std::atomic<bool>& stop) {
+  experiment.equilibrium.stop = &stop;
+  return experiment;
+}
+
+/// All rows of a bench at the file's own parameters, from rest.
+template <class Bench>
+AccuracyRun replay(const Experiment& experiment, const Bench& bench) {
+  auto& protocol = *bench.protocol;
+  std::vector<int> free;
+  for (const FreeParameter& parameter : free_parameters(experiment, protocol)) free.push_back(parameter.index);
+  AccuracyRun run;
+  run.unknowns = protocol.scene().model->free_unknowns();
+  Prediction prediction;
+  // Quick replays are repeated, each from the start of the path; the fastest was disturbed least.
+  const Stopwatch all;
+  for (int repeat = 0; repeat < 3 && (repeat == 0 || all.seconds() < 1); ++repeat) {
+    protocol.forget();
+    const int before = protocol.factorisations();
+    const Stopwatch watch;
+    prediction = protocol.predict(protocol.nominal(), free);
+    run.seconds = repeat == 0 ? watch.seconds() : std::min(run.seconds, watch.seconds());
+    run.factorisations = protocol.factorisations() - before;
+  }
+  run.values = prediction.values;
+  run.derivatives = prediction.derivatives;
+  if (!prediction.complete()) run.failure = prediction.failures.front();
+  return run;
+}
+
+constexpr int instants = 101;
+
+/// A curve over `times` at even times from 0 to `duration`, added to `values`.
+void add_curve(const std::vector<double>& times, const std::vector<double>& y, double duration,
+               std::vector<double>& values) {
+  size_t next = 1;
+  for (int i = 0; i < instants; ++i) {
+    const double t = duration * i / (instants - 1);
+    while (next + 1 < times.size() && times[next] < t) ++next;
+    const double t0 = times[next - 1], t1 = times[next];
+    const double s = std::clamp((t - t0) / (t1 - t0), 0.0, 1.0);
+    values.push_back((1 - s) * y[next - 1] + s * y[next]);
+  }
+}
+
+/// The channels of a simulation at even times, one curve after the other.
+AccuracyRun replay(const Simulation& simulation, const std::atomic<bool>& stop) {
+  const Robot robot = make_robot(simulation);
+  SimulateOptions options;
+  options.stop = &stop;
+  const SimulationResult result = simulate(simulation, robot, options);
+  AccuracyRun run;
+  run.unknowns = robot.scene.model->free_unknowns();
+  run.seconds = result.seconds;
+  run.factorisations = result.factorisations;
+  run.failure = result.failure;
+  if (run.failure.empty() && result.intersecting > 0)
+    run.failure = fmt::format("boundaries cross in {} of {} states", result.intersecting, result.states.size());
+  if (run.failure.empty() && !(result.smallest_jacobian > 0)) run.failure = "elements have turned inside out";
+  if (!run.failure.empty()) return run;
+  std::vector<double> values;
+  for (size_t k = 0; k < robot.readings.size(); ++k) {
+    if (robot.readings[k].part < 0) add_curve(result.times, result.readings[k], simulation.duration, values);
+  }
+  run.values = Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
+  return run;
+}
+
+// ---- settings
+
+const char* name_of(SimulationMethod method) {
+  switch (method) {
+    case SimulationMethod::implicit_euler:
+      return "implicit Euler";
+    case SimulationMethod::bdf2:
+      return "BDF2";
+    case SimulationMethod::cvode:
+      return "CVODE";
+    case SimulationMethod::arkode_implicit:
+      return "ARKODE, implicit";
+    case SimulationMethod::arkode_explicit:
+      return "ARKODE, explicit";
+    case SimulationMethod::quasi_static:
+      break;
+  }
+  return "equilibria";
+}
+
+const char* name_of(Integrator integrator) {
+  return name_of(integrator == Integrator::bdf2 ? SimulationMethod::bdf2 : SimulationMethod::implicit_euler);
+}
+
+/// Every n-th sample, so that a recording has no more of a channel than a simulation.
+std::vector<Sample> thinned(const std::vector<Sample>& samples) {
+  std::map<std::pair<int, int>, int> counts, seen;
+  for (const Sample& sample : samples) ++counts[{sample.recording, sample.channel}];
+  std::vector<Sample> kept;
+  for (Sample sample : samples) {
+    const int every = 1 + counts[{sample.recording, sample.channel}] / instants;
+    if (seen[{sample.recording, sample.channel}]++ % every != 0) continue;
+    sample.sigma /= std::sqrt(every);  // it stands for the others too
+    kept.push_back(sample);
+  }
+  return kept;
+}
+
+AccuracySetting named(const std::string& axis, const std::string& name, double cost) {
+  AccuracySetting setting;
+  setting.axis = axis;
+  setting.name = name;
+  setting.cost = cost;
+  return setting;
+}
+
+/// What all studies of a bench begin with.
+AccuracyStudy study_of(const Experiment& experiment, const Protocol& protocol) {
+  AccuracyStudy study;
+  study.title = experiment.title;
+  study.path = experiment.path;
+  study.simulated = experiment.simulated;
+  study.table = protocol.parameters();
+  study.nominal = protocol.nominal();
+  study.free = free_parameters(experiment, protocol);
+  return study;
+}
+
+/// Makes a setting of an axis, a name, an experiment, its mesh and the work of a factorisation on that.
+using MakeSetting = std::function<AccuracySetting(const std::string&, const std::string&, const Experiment&,
+                                                  const MeshSettings&, double)>;
+
+/// Elements times meshes of a bench. `in_use` marks the file's own.
+void add_meshes(AccuracyStudy& study, const Experiment& experiment,
+                const std::function<std::vector<double>(int order)>& factors, const MakeSetting& setting,
+                const std::function<void(AccuracySetting&)>& in_use) {
+  const MeshSettings &own = experiment.mesh, best = most_accurate(experiment, own);
+  const auto has = [](const MeshSettings& mesh, const Element& element) {
+    return mesh.order == element.order && mesh.formulation == element.formulation;
+  };
+  for (const Element& element : elements_for(best.formulation == Formulation::locking_free)) {
+    for (double factor : factors(element.order)) {
+      MeshSettings mesh = refined(own, experiment.geometry, factor);
+      mesh.order = element.order;
+      mesh.formulation = element.formulation;
+      try {
+        const Mesh made = make_mesh(experiment, mesh);
+        AccuracySetting one = setting(element.name, mesh.describe(), experiment, mesh, work(made));
+        one.in_use = factor == 1 && has(own, element);
+        if (one.in_use) in_use(one);
+        if (has(best, element)) one.sequences["mesh"] = element_size(made);
+        add_setting(study, one);
+      } catch (const InputError&) {  // this geometry cannot be meshed so coarsely
+      }
+    }
+  }
+}
+
+// ---- recordings
+
+/// Integrators times steps of recordings.
+void add_steps(AccuracyStudy& study, const Experiment& experiment, const MakeSetting& setting) {
+  const double own_work = work(make_mesh(experiment, experiment.mesh));
+  for (Integrator integrator : {Integrator::implicit_euler, Integrator::bdf2}) {
+    const std::string name = name_of(integrator);
+    for (double factor : {4.0, 2.0, 1.0, 0.5}) {
+      if (integrator == experiment.dynamics.integrator && factor == 1) continue;
+      Experiment e = experiment;
+      e.dynamics.integrator = integrator;
+      e.dynamics.step = factor * experiment.dynamics.step;
+      AccuracySetting one = setting(name, fmt::format("{}, steps of {}", name, with_unit(e.dynamics.step, "s", 3)), e,
+                                    experiment.mesh, own_work);
+      if (integrator == Integrator::bdf2) one.sequences["step"] = e.dynamics.step;
+      one.integrator = name;
+      add_setting(study, one);
+    }
+  }
+}
+
+AccuracyStudy study_of_recordings(const Experiment& experiment) {
+  const std::vector<Sample> samples = thinned(read_samples(experiment));
+  AccuracyStudy study = study_of(experiment, *make_recording_replay(experiment, experiment.mesh, samples).protocol);
+  study.result = "recorded motions, at the parameters that the file starts from";
+  study.highest_order = {{"mesh", 2}, {"step", 2}};
+  for (const Sample& sample : samples) {
+    study.series.push_back(sample.recording * static_cast<int>(experiment.channels.size()) + sample.channel);
+    study.sigma.push_back(sample.sigma);
+  }
+  const MakeSetting setting = [&](const std::string& axis, const std::string& name, const Experiment& e,
+                                  const MeshSettings& mesh, double factorisation) {
+    AccuracySetting one = named(axis, name, factorisation / e.dynamics.step);
+    one.run = [e, mesh, samples](const std::atomic<bool>& stop) {
+      const Experiment own = stoppable(e, stop);
+      return replay(own, make_recording_replay(own, mesh, samples));
+    };
+    return one;
+  };
+  const auto factors = [](int) { return std::vector{0.5, 0.7, 1.0, 1.4}; };
+  add_meshes(study, experiment, factors, setting, [&](AccuracySetting& in_use) {
+    in_use.integrator = name_of(experiment.dynamics.integrator);
+    if (experiment.dynamics.integrator == Integrator::bdf2) in_use.sequences["step"] = experiment.dynamics.step;
+  });
+  add_steps(study, experiment, setting);
+  return study;
+}
+
+// ---- readings at rest
+
+/// Step tolerances and load steps, one at a time.
+void add_solver_settings(AccuracyStudy& study, const Experiment& experiment, double own_work,
+                         const MakeSetting& setting) {
+  for (double tolerance : {1e-5, 1e-7, 1e-9, 1e-11}) {
+    if (tolerance == experiment.equilibrium.step_tolerance) continue;
+    Experiment e = experiment;
+    e.equilibrium.step_tolerance = tolerance;
+    add_setting(study, setting("step tolerance", fmt::format("step tolerance {:.0e}", tolerance), e, e.mesh, own_work));
+  }
+  for (int steps : {1, 2, 4, 8}) {
+    if (steps == experiment.equilibrium.load_steps) continue;
+    Experiment e = experiment;
+    e.equilibrium.load_steps = steps;
+    const std::string name = fmt::format("{} load step{}", steps, steps == 1 ? "" : "s");
+    add_setting(study, setting("load steps", name, e, e.mesh, own_work * steps));
+  }
+}
+
+void add_gaps(AccuracyStudy& study, const Experiment& experiment, double own_gap, double own_work,
+              const MakeSetting& setting) {
+  for (double factor : {4.0, 2.0, 0.5, 0.25}) {
+    MeshSettings mesh = experiment.mesh;
+    mesh.contact_gap = factor * own_gap;
+    AccuracySetting one = setting("contact gap", "contact gap " + with_unit(mesh.contact_gap, "m", 3), experiment, mesh,
+                                  own_work * (1 + 0.1 / factor));
+    one.sequences["contact gap"] = mesh.contact_gap;
+    add_setting(study, one);
+  }
+}
+
+/// The other kind of plane, and the solid between both.
+void add_planes(AccuracyStudy& study, const Experiment& experiment, double own_work, const MakeSetting& setting) {
+  Experiment e = experiment;
+  MeshSettings mesh = experiment.mesh;
+  const bool strain = experiment.geometry.plane == Plane::strain;
+  e.geometry.plane = strain ? Plane::stress : Plane::strain;
+  if (strain) mesh.formulation = Formulation::standard;
+  const std::string name = strain ? "plane stress" : "plane strain";
+  add_setting(study, setting(name, name, e, mesh, own_work));
+  if (experiment.contact.on) return;  // a solid with contact is a matter of hours
+  for (int depth : {1, 2}) {
+    mesh = experiment.mesh;
+    mesh.depth_cells = depth;
+    add_setting(study, setting("as a solid", fmt::format("as a solid, {} cells across half of it", depth), experiment,
+                               mesh, work(make_mesh(experiment, mesh))));
+  }
+}
+
+/// Noise of each row's mean.
+std::vector<double> sigma_of_rows(const StaticReplay& bench) {
+  std::vector<double> sigma(static_cast<size_t>(bench.protocol->row_count()), 0);
+  std::vector<int> repeats(sigma.size(), 0);
+  for (const Measurement& m : bench.measurements) {
+    sigma[static_cast<size_t>(m.row)] += m.sigma * m.sigma;
+    ++repeats[static_cast<size_t>(m.row)];
+  }
+  for (size_t i = 0; i < repeats.size(); ++i) sigma[i] = std::sqrt(sigma[i]) / repeats[i];
+  return sigma;
+}
+
+// ---- simulations
+
+/// One setting of a simulation.
+AccuracySetting simulated(const std::string& axis, const std::string& name, const Simulation& s) {
+  double unknowns = 0;
+  for (const BodySettings& body : s.bodies)
+    unknowns += static_cast<double>(make_mesh(body.geometry, body.mesh, s.contact.on, false).X.size());
+  AccuracySetting one = named(axis, name, work(unknowns, s.dimension) * s.duration / s.step);
+  one.run = [s](const std::atomic<bool>& stop) { return replay(s, stop); };
+  return one;
+}
+
+/// Mean edge of the bodies' elements, of their size.
+double element_size(const Simulation& s) {
+  int elements = 0;
+  for (const BodySettings& body : s.bodies)
+    elements += make_mesh(body.geometry, body.mesh, s.contact.on, false).element_count();
+  return std::pow(static_cast<double>(elements), -1.0 / s.dimension);
+}
+
+/// What the file's own setting is besides its mesh.
+void mark_in_use(AccuracySetting& one, const Simulation& simulation) {
+  one.in_use = true;
+  one.integrator = name_of(simulation.method);
+  one.name += fmt::format(", {}, steps of {}", one.integrator, with_unit(simulation.step, "s", 3));
+  if (simulation.contact.on) one.sequences["contact gap"] = simulation.contact.gap;
+  if (simulation.method == SimulationMethod::bdf2) one.sequences["step"] = simulation.step;
+}
+
+void add_meshes(AccuracyStudy& study, const Simulation& simulation) {
+  const MeshSettings& own = simulation.bodies.front().mesh;
+  for (const Element& element : elements_for(own.formulation == Formulation::locking_free)) {
+    for (double factor : {0.5, 0.7, 1.0, 1.4}) {
+      Simulation s = simulation;
+      for (BodySettings& body : s.bodies) {
+        body.mesh = refined(body.mesh, body.geometry, factor);
+        body.mesh.order = element.order;
+        body.mesh.formulation = element.formulation;
+      }
+      const std::string mesh = factor == 1 ? ", the file's mesh" : fmt::format(", mesh {:g} times as fine", factor);
+      try {
+        AccuracySetting one = simulated(element.name, element.name + mesh, s);
+        if (element.order == 2 && element.formulation == own.formulation) one.sequences["mesh"] = element_size(s);
+        if (factor == 1 && element.order == own.order && element.formulation == own.formulation)
+          mark_in_use(one, simulation);
+        add_setting(study, one);
+      } catch (const InputError&) {  // a body cannot be meshed so coarsely
+      }
+    }
+  }
+}
+
+/// Own integrators times steps, SUNDIALS' ones times tolerances.
+void add_integrators(AccuracyStudy& study, const Simulation& simulation) {
+  const auto add = [&](const Simulation& s, const std::string& how) {
+    AccuracySetting one = simulated(name_of(s.method), fmt::format("{}, {}", name_of(s.method), how), s);
+    if (s.method == SimulationMethod::bdf2) one.sequences["step"] = s.step;
+    one.may_hang = s.tolerance > 0;
+    one.integrator = name_of(s.method);
+    add_setting(study, one);
+  };
+  for (SimulationMethod method : {SimulationMethod::implicit_euler, SimulationMethod::bdf2}) {
+    for (double factor : {4.0, 2.0, 1.0, 0.5, 0.25}) {
+      if (method == simulation.method && factor == 1) continue;
+      Simulation s = simulation;
+      s.method = method;
+      s.tolerance = 0;
+      s.step = factor * simulation.step;
+      add(s, "steps of " + with_unit(s.step, "s", 3));
+    }
+  }
+  for (SimulationMethod method :
+       {SimulationMethod::cvode, SimulationMethod::arkode_implicit, SimulationMethod::arkode_explicit}) {
+    for (double tolerance : {1e-2, 1e-4}) {
+      Simulation s = simulation;
+      s.method = method;
+      s.tolerance = tolerance;
+      add(s, fmt::format("tolerance {:.0e}", tolerance));
+    }
+  }
+}
+
+void add_gaps_and_tolerances(AccuracyStudy& study, const Simulation& simulation) {
+  for (double factor : {4.0, 2.0, 0.5, 0.25}) {
+    if (!simulation.contact.on) break;
+    Simulation s = simulation;
+    s.contact.gap = factor * simulation.contact.gap;
+    AccuracySetting one = simulated("contact gap", "contact gap " + with_unit(s.contact.gap, "m", 3), s);
+    one.sequences["contact gap"] = s.contact.gap;
+    add_setting(study, one);
+  }
+  for (double tolerance : {1e-5, 1e-7, 1e-11}) {
+    if (tolerance == simulation.equilibrium.step_tolerance) continue;
+    Simulation s = simulation;
+    s.equilibrium.step_tolerance = tolerance;
+    add_setting(study, simulated("step tolerance", fmt::format("step tolerance {:.0e}", tolerance), s));
+  }
+}
+
+}  // namespace
+
+AccuracyStudy accuracy_study(const Experiment& experiment) {
+  if (experiment.recordings) return study_of_recordings(experiment);
+  const Trials trials = read_trials(experiment.bench);
+  const StaticReplay bench = make_static_replay(experiment, experiment.mesh, trials);
+  AccuracyStudy study = study_of(experiment, *bench.protocol);
+  study.result = "displacements of all rows, at the parameters that the file starts from";
+  study.highest_order = {{"mesh", 2}, {"contact gap", 1}};
+  study.sigma = sigma_of_rows(bench);
+  const Mesh own = make_mesh(experiment, experiment.mesh);
+  const double own_work = work(own), own_gap = contact_gap(experiment.mesh, own.diagonal());
+  const MakeSetting setting = [&](const std::string& axis, const std::string& name, const Experiment& e,
+                                  const MeshSettings& mesh, double cost) {
+    AccuracySetting one = named(axis, name, cost);
+    one.run = [e, mesh, trials](const std::atomic<bool>& stop) {
+      const Experiment stopped = stoppable(e, stop);
+      return replay(stopped, make_static_replay(stopped, mesh, trials));
+    };
+    return one;
+  };
+  const auto factors = [&](int order) { return mesh_factors(own.dimension(), order); };
+  add_meshes(study, experiment, factors, setting, [&](AccuracySetting& in_use) {
+    if (experiment.contact.on) in_use.sequences["contact gap"] = own_gap;
+  });
+  add_solver_settings(study, experiment, own_work, setting);
+  if (experiment.contact.on) add_gaps(study, experiment, own_gap, own_work, setting);
+  if (experiment.geometry.dimension == 2) add_planes(study, experiment, own_work, setting);
+  return study;
+}
+
+AccuracyStudy accuracy_study(const Simulation& simulation) {
+  if (simulation.method == SimulationMethod::quasi_static)
+    throw InputError(
+        fmt::format("{}: a simulation through equilibria has no integrator to compare; chart one over time, or an "
+                    "experiment with a bench",
+                    simulation.path));
+  AccuracyStudy study;
+  study.title = simulation.title;
+  study.path = simulation.path;
+  study.simulated = true;
+  study.result = "channels over time, forces between bodies left out";
+  study.highest_order = {{"mesh", 2}, {"contact gap", 1}, {"step", 2}};
+  int curves = 0;
+  for (const ChannelSettings& channel : simulation.channels) {
+    if (channel.kind == ChannelSettings::Kind::net_force) continue;
+    study.series.insert(study.series.end(), instants, curves++);
+  }
+  if (curves == 0)
+    throw InputError(
+        fmt::format("{}: there is no channel to compare but net forces; add a [[channel]] of kind "
+                    "position, displacement, rotation or tension",
+                    simulation.path));
+  add_meshes(study, simulation);
+  add_integrators(study, simulation);
+  add_gaps_and_tolerances(study, simulation);
+  return study;
+}
+
+}  // namespace taut

@@ -1,0 +1,148 @@
+#include "calib/studies/study_store.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+#include <filesystem>
+#include <limits>
+#include <string_view>
+
+#include "calib/data/files.hpp"
+#include "sim/core/error.hpp"
+#include "sim/core/stopwatch.hpp"
+
+namespace taut {
+namespace {
+
+constexpr const char* fingerprint_column = "fingerprint";
+
+/// A line of a table, without its end.
+std::string line_of(const Cells& cells) {
+  std::string line;
+  for (size_t k = 0; k < cells.size(); ++k) {
+    if (k > 0) line += ',';
+    if (cells[k].find_first_of(",\"\n") == std::string::npos) {
+      line += cells[k];
+      continue;
+    }
+    line += '"';
+    for (char c : cells[k]) line += c == '"' ? std::string("\"\"") : std::string(1, c == '\n' ? ' ' : c);
+    line += '"';
+  }
+  return line;
+}
+
+Cells cells_of(const std::string& line) {
+  Cells cells(1);
+  bool quoted = false;
+  for (size_t i = 0; i < line.size(); ++i) {
+    if (quoted && line.compare(i, 2, "\"\"") == 0) {
+      cells.back() += line[++i];
+    } else if (line[i] == '"') {
+      quoted = !quoted;
+    } else if (line[i] == ',' && !quoted) {
+      cells.emplace_back();
+    } else if (line[i] != '\r') {
+      cells.back() += line[i];
+    }
+  }
+  return quoted ? Cells() : cells;
+}
+
+}  // namespace
+
+std::string fingerprint_of(const std::vector<std::string>& files) {
+  std::string text;
+  for (const std::string& file : files) text += (text.empty() ? "" : "-") + sha256_of(file).substr(0, 8);
+  return text;
+}
+
+StudyStore::StudyStore(std::string path, Cells columns, size_t keys, std::string fingerprint)
+    : path_(std::move(path)), columns_(std::move(columns)), keys_(keys), fingerprint_(std::move(fingerprint)) {
+  if (!std::filesystem::exists(path_)) return;
+  const std::string text = read_file(path_), header = line_of(columns_) + "\n";
+  if (text.compare(0, header.size(), header, 0, text.size()) != 0) {
+    throw InputError(fmt::format("{}: is not a table with the columns {}; move it away, or name another folder", path_,
+                                 join(columns_)));
+  }
+  size_t begin = header.size();
+  for (size_t end; begin < text.size() && (end = text.find('\n', begin)) != std::string::npos; begin = end + 1)
+    remember(text.substr(begin, end - begin));
+}
+
+void StudyStore::remember(const std::string& line) {
+  Cells cells = cells_of(line);
+  const auto place = std::ranges::find(columns_, fingerprint_column) - columns_.begin();
+  if (cells.size() != columns_.size() || cells[static_cast<size_t>(place)] != fingerprint_) return;
+  cells.erase(cells.begin() + place);
+  const auto key_end = cells.begin() + static_cast<std::ptrdiff_t>(keys_);
+  results_[Cells(cells.begin(), key_end)] = Cells(key_end, cells.end());
+}
+
+const Cells* StudyStore::find(const Cells& key) const {
+  const auto found = results_.find(key);
+  return found == results_.end() ? nullptr : &found->second;
+}
+
+void StudyStore::add(const Cells& key, const Cells& result) {
+  Cells cells = key;
+  cells.insert(cells.end(), result.begin(), result.end());
+  cells.insert(cells.begin() + (std::ranges::find(columns_, fingerprint_column) - columns_.begin()), fingerprint_);
+  append_line(path_, line_of(columns_), line_of(cells));
+  results_[key] = result;
+}
+
+Deadline::Deadline(double seconds, const std::atomic<bool>* stop)
+    : seconds_(seconds), thread_([this, stop] {
+        const Stopwatch watch;
+        std::unique_lock lock(mutex_);
+        while (!done_) {
+          late_ = watch.seconds() > seconds_;
+          if (late_ || (stop != nullptr && stop->load())) raised_ = true;
+          if (raised_) return;
+          wake_.wait_for(lock, std::chrono::milliseconds(50));
+        }
+      }) {}
+
+Deadline::~Deadline() {
+  {
+    const std::lock_guard lock(mutex_);
+    done_ = true;
+  }
+  wake_.notify_all();
+  thread_.join();
+}
+
+void run_study(const Study& study, const StudyOptions& options) {
+  StudyStore store(options.file, study.columns, study.keys, options.fingerprint);
+  std::vector<size_t> missing;
+  double rate = 0;  // seconds per unit of cost, by the run before
+  for (size_t i = 0; i < study.settings.size(); ++i) {
+    const Cells* known = store.find(study.settings[i].key);
+    if (known == nullptr || !study.take(i, *known)) missing.push_back(i);
+  }
+  const Stopwatch watch;
+  size_t made = 0, done = study.settings.size() - missing.size();
+  for (size_t i : missing) {
+    if (options.stop != nullptr && options.stop->load()) break;
+    const StudySetting& setting = study.settings[i];
+    const double left = options.budget - watch.seconds();
+    const bool due = made < study.least;
+    if (!due && (left <= 0 || (!setting.may_hang && rate * setting.cost > left))) continue;
+    if (options.progress) options.progress(setting.description, done, study.settings.size());
+    const double patience = setting.may_hang ? 0.1 * options.budget
+                            : due            ? std::numeric_limits<double>::infinity()
+                                             : 1.5 * left;
+    const Deadline deadline(patience, options.stop);
+    const std::optional<StudyResult> result = study.run(i, deadline);
+    if (!result) continue;
+    store.add(setting.key, result->cells);
+    study.take(i, result->cells);
+    if (result->seconds > 0) rate = result->seconds / setting.cost;
+    ++made;
+    ++done;
+  }
+}
+
+}  // namespace taut

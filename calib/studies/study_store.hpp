@@ -1,0 +1,99 @@
+#pragma once
+#include <atomic>
+#include <condition_variable>
+#include <functional>
+#include <map>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+#include <vector>
+
+namespace taut {
+
+using Cells = std::vector<std::string>;
+
+/// Stands for the contents of the files that a result is made from. Throws InputError for one that cannot be read.
+std::string fingerprint_of(const std::vector<std::string>& files);
+
+/// Finished results in a CSV file, one line each, on the disk as soon as add() is back: an interruption at any moment
+/// loses no line that was finished, and a last line without its end is passed over. Lines with another fingerprint, and
+/// what is no line of this table, are left alone and not used.
+class StudyStore {
+ public:
+  /// `columns` are the file's, "fingerprint" among them; the first `keys` of the others together name a result. Throws
+  /// InputError for a file that cannot be read or holds another table.
+  StudyStore(std::string path, Cells columns, size_t keys, std::string fingerprint);
+  /// What stands in the columns after the key; nullptr: nothing yet.
+  const Cells* find(const Cells& key) const;
+  /// Throws InputError when the file cannot be written.
+  void add(const Cells& key, const Cells& result);
+
+ private:
+  void remember(const std::string& line);
+  std::string path_;
+  Cells columns_;
+  size_t keys_;
+  std::string fingerprint_;
+  std::map<Cells, Cells> results_;
+};
+
+/// Raises a flag after some seconds, or when another one is raised.
+class Deadline {
+ public:
+  Deadline(double seconds, const std::atomic<bool>* stop);
+  ~Deadline();
+  Deadline(const Deadline&) = delete;
+  Deadline& operator=(const Deadline&) = delete;
+
+  const std::atomic<bool>& flag() const { return raised_; }
+  bool late() const { return late_; }  ///< raised because the seconds are over
+  double seconds() const { return seconds_; }
+
+ private:
+  double seconds_;
+  std::atomic<bool> raised_{false}, late_{false};
+  bool done_ = false;
+  std::mutex mutex_;
+  std::condition_variable wake_;
+  std::thread thread_;
+};
+
+struct StudySetting {
+  Cells key;                ///< names it in the store
+  std::string description;  ///< for people
+  double cost = 0;          ///< a guess, in any unit: what would not fit into the rest of the budget is not begun
+  bool may_hang = false;    ///< is given a tenth of the budget, whatever the guess
+};
+
+/// What a setting came to, as it stands in the store.
+struct StudyResult {
+  Cells cells;
+  double seconds = 0;  ///< that tell what a unit of cost takes; 0: they do not
+};
+
+/// Settings, how to run one, and the table that their results stand in.
+struct Study {
+  Cells columns;
+  size_t keys = 1;
+  std::vector<StudySetting> settings;  ///< in the order in which they are run
+  size_t least = 0;                    ///< so many are run however small the budget is
+  /// A setting's result; nothing when it was interrupted. May go on when the flag is raised.
+  std::function<std::optional<StudyResult>(size_t setting, const Deadline& deadline)> run;
+  /// Is handed each result once, from the store or just made; false: these cells are none, and it is run again.
+  std::function<bool(size_t setting, const Cells& cells)> take;
+};
+
+struct StudyOptions {
+  double budget = 300;      ///< [s] for new runs
+  std::string file;         ///< of the store
+  std::string fingerprint;  ///< of all that the results are made from
+  const std::atomic<bool>* stop = nullptr;
+  /// Told before each run: what it is, how many of how many are done.
+  std::function<void(const std::string& what, size_t done, size_t all)> progress;
+};
+
+/// Takes what the store has, then runs the rest in order until the budget is used up or `stop` was raised.
+void run_study(const Study& study, const StudyOptions& options);
+
+}  // namespace taut

@@ -1,0 +1,131 @@
+#include <fmt/format.h>
+
+#include <filesystem>
+
+#include "calib/data/files.hpp"
+#include "calib/data/run_folder.hpp"
+#include "calib/runs/open_bench.hpp"
+#include "calib/runs/run_fit.hpp"
+#include "experiments/cli/commands.hpp"
+#include "experiments/cli/print.hpp"
+#include "experiments/cli/progress.hpp"
+#include "experiments/cli/run_inputs.hpp"
+#include "experiments/cli/version.hpp"
+#include "reports/report.hpp"
+#include "reports/vtu.hpp"
+#include "sim/core/error.hpp"
+
+namespace taut {
+namespace {
+
+namespace fs = std::filesystem;
+
+void fill_provenance(const CommandOptions& options, const Bench& bench, Provenance& provenance) {
+  provenance.version = version();
+  provenance.commit = commit();
+  provenance.libraries = library_versions();
+  provenance.command_line = options.command_line;
+  provenance.inputs = inputs_of(bench);
+  provenance.started = utc_now();
+  provenance.machine = machine_description();
+}
+
+/// Whether a run that is not finished may take the place of what stands in the folder: not of a finished one.
+bool may_replace(const RunFolder& folder) {
+  if (!folder.finished()) return true;
+  try {
+    return read_run(folder.path()).interrupted;
+  } catch (const InputError&) {  // not a run of this version
+    return true;
+  }
+}
+
+/// Figures and report, the last and least of a run: where they fail, all else is there.
+std::string write_all(const RunRecord& record, const std::string& folder) {
+  try {
+    write_run(record, folder);
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+std::string cost_text(const RunRecord& record) {
+  const FitCost &search = record.fit.search, &profiles = record.fit.profiles;
+  return fmt::format(
+      "{:.1f} s in all; fit {:.2f} s with {} factorisations in {} evaluations, {:.1f} times one cold replay's {:.2f} s "
+      "with {}; profiles {:.2f} s with {}",
+      record.provenance.wall_seconds, search.seconds, search.factorisations, record.fit.evaluations,
+      search.seconds / record.replay_seconds, record.replay_seconds, record.replay_factorisations, profiles.seconds,
+      profiles.factorisations);
+}
+
+int exit_code(const CommandOptions& options, const RunRecord& record, const std::string& report_failure) {
+  if (interrupted(options)) return exit_interrupted;
+  if (record.fit.status != FitStatus::converged) {
+    fmt::print(stderr, "taut: the fit did not converge: {}\n", record.fit.message);
+    return exit_fit;
+  }
+  if (!report_failure.empty()) {
+    fmt::print(stderr, "taut: {}\n", report_failure);
+    return exit_input;
+  }
+  return record.failed_stages > 0 ? exit_solve : exit_ok;
+}
+
+}  // namespace
+
+int fit_command(const CommandOptions& options) {
+  const std::unique_ptr<Bench> bench = open_bench(options.target, {options.threads, options.stop});
+  Progress progress(options.quiet);
+  RunFolder folder(run_folder(options));
+  if (options.fresh) folder.forget_resume();
+  RunRecord record = start_record(*bench);
+  fill_provenance(options, *bench, record.provenance);
+  EvaluationLog log(folder.resume(), fingerprint_of(record.provenance.inputs));
+  for (const std::string& warning : record.remarks) progress.say("warning: " + warning);
+  progress.say("fitting " + bench->size_text());
+  if (log.known() > 0)
+    progress.say(
+        fmt::format("going on with an interrupted run: {} evaluations are known and not made again (--fresh "
+                    "starts anew)",
+                    log.known()));
+  bool copied = false;
+  RunEvents events;
+  events.say = [&](const std::string& line) { progress.say(line); };
+  events.show = [&](const std::string& line) { progress.show(line); };
+  events.keep = [&](const RunRecord& so_far) {
+    write_file((fs::path(folder.next()) / "fit.json").string(), to_json(so_far));
+    if (!std::exchange(copied, true)) copy_inputs(so_far.provenance.inputs, folder.next());
+  };
+  events.states = [&](const SolvedStates& states) { write_states(states, folder.next()); };
+  record = run_fit(*bench, std::move(record), log, {options.variants, options.stop}, events);
+  if (record.fit.status == FitStatus::start_failed) {
+    for (const std::string& failure : record.fit.failures) fmt::print(stderr, "taut: {}\n", failure);
+    fmt::print(stderr,
+               "taut: the simulation failed at the start of the fit; change the start values, or look at the model "
+               "with `taut replay`\n");
+    return interrupted(options) ? exit_interrupted : exit_solve;
+  }
+  if (record.interrupted && !may_replace(folder)) {
+    progress.say(fmt::format(
+        "interrupted; the finished run in {} stays as it is, and the same command goes on from here", folder.path()));
+    return exit_interrupted;
+  }
+  progress.show("writing " + folder.path());
+  const std::string report_failure = write_all(record, folder.next());
+  folder.publish();
+  if (!record.interrupted) folder.forget_resume();
+
+  if (options.json)
+    fmt::print("{}\n", to_json(record));
+  else
+    print_fit(record);
+  for (const std::string& remark : record.remarks) progress.say("note: " + remark);
+  progress.say(cost_text(record));
+  if (record.interrupted) progress.say("interrupted: the same command goes on from here");
+  progress.say("report: " + (fs::path(folder.path()) / "report.html").string());
+  return exit_code(options, record, report_failure);
+}
+
+}  // namespace taut

@@ -1,0 +1,150 @@
+#include "experiments/cli/print.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "reports/axes.hpp"
+#include "reports/diagnostic.hpp"
+#include "sim/core/error.hpp"
+#include "sim/core/units.hpp"
+
+namespace taut {
+namespace {
+
+/// An error in the unit that its value is shown in: "0.36" beside "61.15 kPa".
+std::string bare_beside(double value, double error, std::string_view si_unit) {
+  return fmt::format("{:.2g}", error / display_unit(value, si_unit).factor);
+}
+
+/// The same with the unit: "0.36 kPa".
+std::string beside(double value, double error, std::string_view si_unit) {
+  const DisplayUnit unit = display_unit(value, si_unit);
+  return bare_beside(value, error, si_unit) + (unit.name == "1" ? "" : " " + unit.name);
+}
+
+std::string interval_text(const ParameterEstimate& e) {
+  auto end = [&](const std::optional<double>& value) {
+    return value ? with_unit(*value, e.spec.unit) : std::string("open");
+  };
+  return fmt::format("{} to {}", end(e.lower95), end(e.upper95));
+}
+
+void print_parameter(const RunRecord& record, size_t j) {
+  const ParameterEstimate& e = record.fit.parameters[j];
+  std::string shares, biases;
+  for (const DiscretisationShare& share : record.shares) {
+    const double most = std::abs(share.bias[j]) + (std::isfinite(share.error[j]) ? share.error[j] : 0);
+    shares += fmt::format(" +- {} ({})", std::isfinite(most) ? bare_beside(e.value, most, e.spec.unit) : "unknown",
+                          share.source);
+    biases += fmt::format("  {}\n", describe(share, e, j));
+  }
+  fmt::print("{} = {} +- {} (noise){}, 95 % interval of the noise {}: {}\n  {}\n{}", e.spec.id,
+             with_unit(e.value, e.spec.unit),
+             std::isfinite(e.standard_error) ? bare_beside(e.value, e.standard_error, e.spec.unit) : "unknown", shares,
+             interval_text(e), name_of(e.verdict), e.explanation, biases);
+}
+
+void print_goodness(const FitResult& fit) {
+  fmt::print("chi squared {:.4g} for {} degrees of freedom (p = {:.2g})", fit.chi_squared, fit.dof, fit.chi_squared_p);
+  if (fit.lack_of_fit.available)
+    fmt::print("; lack of fit F = {:.3g} (p = {:.2g})", fit.lack_of_fit.F, fit.lack_of_fit.p_value);
+  fmt::print("\n");
+  if (fit.chi_squared_p < 0.05 && fit.dof > 0) {
+    fmt::print(
+        "  the curve misses the readings by more than the declared sigmas: model or sigmas are not right somewhere; if "
+        "it were noise, standard errors would be {:.2g} times as large\n",
+        std::sqrt(fit.chi_squared / fit.dof));
+  }
+}
+
+void print_variant(const RunRecord& record, const VariantRecord& variant) {
+  std::string values;
+  for (size_t j = 0; j < variant.values.size(); ++j) {
+    const ParameterSpec& spec = record.fit.parameters[j].spec;
+    if (std::isfinite(variant.values[j]))
+      values += fmt::format("{}{} = {}", values.empty() ? "" : ", ", spec.id, with_unit(variant.values[j], spec.unit));
+  }
+  if (over_strain(record) && !values.empty())
+    values += fmt::format("; chi squared {:.4g} of {} readings", variant.chi_squared, variant.unknowns);
+  fmt::print("variant {:<22} {:<48} {}\n", variant.name, variant.mesh, values.empty() ? variant.status : values);
+}
+
+}  // namespace
+
+void print_readings(const RunRecord& record) {
+  fmt::print("{:>5}  {:<12} {:<14} {:<28} {:>11} {:>11} {:>9} {:>8}\n", "line", "trial", "channel", "controls",
+             "measured", "predicted", "residual", "/sigma");
+  for (const ReadingRecord& reading : record.readings) {
+    std::string controls;
+    for (size_t k = 0; k < reading.controls.size(); ++k)
+      controls += fmt::format("{}{}", k == 0 ? "" : ", ", with_unit(reading.controls[k], record.controls[k].unit));
+    const double residual = reading.measured - reading.predicted;
+    const WrittenUnit unit = written_unit(channel_axis(record, reading.channel).unit);
+    fmt::print("{:>5}  {:<12} {:<14} {:<28} {:>8.3f} {} {:>8.3f} {} {:>6.3f} {} {:>8.2f}\n", reading.line,
+               reading.trial, reading.channel, controls, reading.measured / unit.factor, unit.label,
+               reading.predicted / unit.factor, unit.label, residual / unit.factor, unit.label,
+               residual / reading.sigma);
+  }
+}
+
+void print_swings(const RunRecord& record) {
+  fmt::print("{:<16} {:<12} {:>12} {:>12} {:>8} {:>12} {:>12} {:>8}\n", "recording", "channel", "frequency",
+             "simulated", "", "decay", "simulated", "");
+  for (const SwingRecord& s : record.swings) {
+    fmt::print("{:<16} {:<12} {:>9.3f} Hz {:>9.3f} Hz {:>+6.1f} % {:>8.3f} 1/s {:>8.3f} 1/s {:>+6.1f} %\n", s.recording,
+               s.channel, s.frequency, s.predicted_frequency, 100 * (s.predicted_frequency / s.frequency - 1), s.decay,
+               s.predicted_decay, 100 * (s.predicted_decay / s.decay - 1));
+  }
+}
+
+void print_cables(const std::vector<CableState>& states) {
+  for (const CableState& state : states) {
+    fmt::print("cable {:<10} {:<40} tension {:>9}, length {}\n", state.cable, state.where,
+               with_unit(state.tension, "N"), with_unit(state.length, "m", 5));
+  }
+}
+
+void print_fit(const RunRecord& record) {
+  const FitResult& fit = record.fit;
+  const auto estimate_of = [&](const std::string& id) {
+    return std::find_if(fit.parameters.begin(), fit.parameters.end(),
+                        [&](const ParameterEstimate& e) { return e.spec.id == id; });
+  };
+  if (record.simulated) fmt::print("SIMULATED DATA: the readings were made by a program, not measured.\n");
+  for (size_t j = 0; j < fit.parameters.size(); ++j) print_parameter(record, j);
+  print_goodness(fit);
+  for (const DiagnosticRecord& diagnostic : record.diagnostics) {
+    const auto e = estimate_of(diagnostic.parameter);
+    if (e == fit.parameters.end()) continue;
+    fmt::print("from {} alone: {} = {} +- {} ({} readings)\n", diagnostic.part, e->spec.id,
+               with_unit(diagnostic.value, e->spec.unit),
+               beside(diagnostic.value, diagnostic.standard_error, e->spec.unit), diagnostic.readings);
+  }
+  for (const DiagnosticGroup& group : diagnostic_groups(record)) fmt::print("  {}\n", interpretation(record, group));
+  for (const VariantRecord& variant : record.variants) print_variant(record, variant);
+  for (const ReferenceRecord& reference : record.references) {
+    const auto e = estimate_of(reference.parameter);
+    if (e == fit.parameters.end()) continue;
+    fmt::print("for comparison {} = {} ({}): ours is {:+.1f} %\n", e->spec.id, with_unit(reference.value, e->spec.unit),
+               reference.source, 100 * (e->value / reference.value - 1));
+  }
+  if (!record.swings.empty()) print_swings(record);
+}
+
+void print_check(const RunRecord& record, const ParameterTable& table, const std::vector<FreeParameter>& free) {
+  fmt::print("{}\n", record.title);
+  for (const auto& [label, text] : record.setup) fmt::print("  {:<22} {}\n", label, text);
+  for (const FreeParameter& p : free) {
+    const ParameterSpec& spec = table[p.index];
+    fmt::print("  {:<22} start {}, bounds {} to {}\n", "free " + spec.id, with_unit(p.start, spec.unit),
+               with_unit(p.lower, spec.unit), with_unit(p.upper, spec.unit));
+  }
+  if (free.empty())
+    fmt::print("  nothing is free: `taut fit` needs at least one [fit.free.ID]; parameters: {}\n", join(table.ids()));
+  for (const std::string& warning : record.remarks) fmt::print("warning: {}\n", warning);
+  if (record.remarks.empty()) fmt::print("no problems found\n");
+}
+
+}  // namespace taut

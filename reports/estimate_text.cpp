@@ -1,0 +1,65 @@
+#include "reports/estimate_text.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace taut {
+
+std::string percent(double ratio) {
+  return std::isfinite(ratio) ? fmt::format("{:+.1f} %", 100 * ratio) : "not known";
+}
+
+std::string probability(double p) {
+  if (!std::isfinite(p)) return "not known";
+  return p < 0.001 ? "less than 0.001" : fmt::format("{:.3f}", p);
+}
+
+std::string bound(double value, const std::string& unit) {
+  return std::isfinite(value) ? with_unit(value, unit) : "no limit";
+}
+
+double misfit_ratio(const FitResult& fit) {
+  return fit.dof > 0 ? fit.chi_squared / fit.dof : NAN;
+}
+
+bool can_judge(const FitResult& fit) {
+  return fit.dof > 0 && std::isfinite(fit.chi_squared);
+}
+
+bool fits(const FitResult& fit) {
+  return fit.chi_squared_p >= 0.05;
+}
+
+Shown::Shown(const ParameterEstimate& estimate) : unit(display_unit(estimate.value, estimate.spec.unit)) {
+  if (unit.name == "1") unit.name = "";
+  double resolution = estimate.standard_error;
+  if (!std::isfinite(resolution) || resolution <= 0) resolution = std::abs(estimate.value) / 100;
+  if (std::isfinite(resolution) && resolution > 0)
+    decimals = std::clamp(1 - static_cast<int>(std::floor(std::log10(resolution / unit.factor))), 0, 9);
+}
+
+std::string Shown::number(double value) const {
+  return std::isfinite(value) ? fmt::format("{:.{}f}", value / unit.factor, decimals) : "not known";
+}
+
+std::string Shown::with_unit(double value) const {
+  return number(value) + (unit.name.empty() || !std::isfinite(value) ? "" : " " + unit.name);
+}
+
+std::string Shown::interval(const ParameterEstimate& estimate) const {
+  const std::optional<double>&lower = estimate.lower95, &upper = estimate.upper95;
+  if (!lower && !upper) return "open on both sides";
+  // An end so near to zero that the common digits would leave nothing of it gets its own.
+  const auto vanishes = [&](const std::optional<double>& end) {
+    return end && *end != 0 && std::abs(*end / unit.factor) < std::pow(10.0, 1 - decimals);
+  };
+  const bool own = vanishes(lower) || vanishes(upper);
+  const auto text = [&](double end) { return own ? taut::with_unit(end, estimate.spec.unit, 3) : with_unit(end); };
+  if (!lower) return "open to " + text(*upper);
+  if (!upper) return text(*lower) + " to open";
+  return (own ? text(*lower) : number(*lower)) + " to " + text(*upper);
+}
+
+}  // namespace taut

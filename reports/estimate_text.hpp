@@ -1,0 +1,35 @@
+#pragma once
+#include <string>
+
+#include "calib/fit/fit.hpp"
+#include "sim/core/units.hpp"
+
+/// Numbers of a fit as people write them. Used inside reports/ only.
+namespace taut {
+
+/// "+3.9 %", "not known" for NaN.
+std::string percent(double ratio);
+/// "0.049", "less than 0.001".
+std::string probability(double p);
+/// A bound of a parameter; "no limit".
+std::string bound(double value, const std::string& unit);
+
+/// Chi squared per degree of freedom, NaN without any.
+double misfit_ratio(const FitResult& fit);
+/// There are more readings than parameters, and a result.
+bool can_judge(const FitResult& fit);
+bool fits(const FitResult& fit);
+
+/// An estimate in one unit, cut to the digits that its standard error leaves.
+struct Shown {
+  DisplayUnit unit;
+  int decimals = 0;
+
+  explicit Shown(const ParameterEstimate& estimate);
+  std::string number(double value) const;
+  std::string with_unit(double value) const;
+  /// The 95 % interval: "271.4 to 276.9 kPa", "open to 0.46".
+  std::string interval(const ParameterEstimate& estimate) const;
+};
+
+}  // namespace taut

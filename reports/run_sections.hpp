@@ -1,0 +1,61 @@
+#pragma once
+#include "reports/section.hpp"
+
+/// The page of a run: its figures, a file each, its sections of text, and the list of both. A new figure is written
+/// into a file of its own, declared here, and named in kRunPage. Used inside reports/ only.
+namespace taut {
+namespace plot {
+
+std::optional<Drawing> force_displacement(const RunRecord& record);
+std::optional<Drawing> effective_stiffness(const RunRecord& record);
+std::optional<Drawing> residuals(const RunRecord& record);
+std::optional<Drawing> stress_strain(const RunRecord& record);
+std::optional<Drawing> deformed_shapes(const RunRecord& record);
+/// The same as panels beside each other, with filled regions and cables: for several materials, cables or several held
+/// values; else nothing.
+std::optional<Drawing> shape_panels(const RunRecord& record);
+std::optional<Drawing> variants(const RunRecord& record);
+/// Rise of chi squared over the value of each parameter whose profile likelihood was searched; open ends are arrows.
+std::optional<Drawing> profiles(const RunRecord& record);
+/// Measured and simulated motion of each recording over time, with residuals below.
+std::optional<Drawing> recordings(const RunRecord& record);
+/// Frequency and decay of each recording, measured and simulated.
+std::optional<Drawing> swings(const RunRecord& record);
+/// Values of a parameter fitted to each part of the readings alone, beside the whole fit.
+std::optional<Drawing> diagnostic(const RunRecord& record);
+
+}  // namespace plot
+
+/// The numbers that were asked for, and whether to believe them.
+std::optional<Section> answer(const RunRecord& record);
+std::optional<Section> frequency_and_decay(const RunRecord& record);
+std::optional<Section> fitted_parameters(const RunRecord& record);
+std::optional<Section> goodness_of_fit(const RunRecord& record);
+/// One parameter from each part of the readings alone.
+std::optional<Section> diagnostics(const RunRecord& record);
+std::optional<Section> reading_by_reading(const RunRecord& record);
+std::optional<Section> variants_and_references(const RunRecord& record);
+std::optional<Section> correlations(const RunRecord& record);
+std::optional<Section> every_reading(const RunRecord& record);
+std::optional<Section> setup(const RunRecord& record);
+std::optional<Section> provenance(const RunRecord& record);
+
+inline constexpr MakeSection<RunRecord> kRunPage[] = {answer,
+                                                      alone<plot::force_displacement>,
+                                                      alone<plot::stress_strain>,
+                                                      alone<plot::recordings>,
+                                                      frequency_and_decay,
+                                                      fitted_parameters,
+                                                      alone<plot::profiles>,
+                                                      goodness_of_fit,
+                                                      diagnostics,
+                                                      reading_by_reading,
+                                                      alone<plot::effective_stiffness>,
+                                                      variants_and_references,
+                                                      alone<plot::deformed_shapes>,
+                                                      correlations,
+                                                      every_reading,
+                                                      setup,
+                                                      provenance};
+
+}  // namespace taut

@@ -1,0 +1,9 @@
+#pragma once
+#include <limits>
+
+namespace taut {
+
+/// What a number is while nobody knows it.
+inline constexpr double not_a_number = std::numeric_limits<double>::quiet_NaN();
+
+}  // namespace taut

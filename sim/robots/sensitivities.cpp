@@ -1,0 +1,100 @@
+#include "sim/robots/sensitivities.hpp"
+
+namespace taut {
+namespace {
+
+/// M (u - reference) times step.inertia, without damping: gravity excepted, what a part feels [N], all unknowns.
+Eigen::VectorXd inertia_force(const Model& model, const AcceptedStep& step, const Params& p) {
+  Eigen::VectorXd force;
+  Assembly out;
+  out.gradient = &force;
+  TimeStep undamped = step.step;  // rates zero: mass-proportional damping is a force like others
+  undamped.rate = {undamped.rate[0], -undamped.rate[0], 0};
+  undamped.previous = step.u;
+  model.evaluate_inertia({step.u, p, &undamped}, out);
+  return force;
+}
+
+/// Minus the weight [N], all unknowns.
+Eigen::VectorXd lift(const Robot& robot, const AcceptedStep& step, const Params& p) {
+  return p[robot.gravity] * robot.scene.model->parameter_gradient({step.u, p}, robot.gravity);
+}
+
+/// Sum over the reading's part of its direction times `forces`.
+double along(const Robot& robot, const SceneReading& reading, const Eigen::VectorXd& forces) {
+  const Mesh& mesh = robot.scene.model->mesh();
+  const Part& part = mesh.parts[static_cast<size_t>(reading.part)];
+  const int d = mesh.dimension();
+  double sum = 0;
+  for (int node = part.first_node; node < part.first_node + part.node_count; ++node)
+    sum += reading.direction.dot(forces.segment(static_cast<Eigen::Index>(node) * d, d));
+  return sum;
+}
+
+Eigen::VectorXd net_force_derivatives(const Robot& robot, const SceneReading& reading, const AcceptedStep& step,
+                                      const StateDerivatives& state, const std::vector<int>& indices) {
+  const Model& model = *robot.scene.model;
+  Eigen::VectorXd result = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(indices.size()));
+  if (step.h == 0) return result;
+  for (size_t j = 0; j < indices.size(); ++j) {
+    const auto column = static_cast<Eigen::Index>(j);
+    AcceptedStep change = step;  // the force is linear in u - reference
+    change.u = state.du.col(column);
+    change.step.reference = state.dreference.col(column);
+    Params with = step.p, without = step.p;  // ... and in each parameter
+    with[indices[j]] = 1;
+    without[indices[j]] = 0;
+    result[column] =
+        along(robot, reading,
+              inertia_force(model, change, step.p) + inertia_force(model, step, with) -
+                  inertia_force(model, step, without) + lift(robot, step, with) - lift(robot, step, without));
+  }
+  return result;
+}
+
+}  // namespace
+
+double net_force(const Robot& robot, const SceneReading& reading, const AcceptedStep& step) {
+  if (step.h == 0) return 0;
+  return along(robot, reading, inertia_force(*robot.scene.model, step, step.p) + lift(robot, step, step.p));
+}
+
+Eigen::MatrixXd reading_derivatives(const Robot& robot, const AcceptedStep& step, const StateDerivatives& state,
+                                    const std::vector<int>& indices) {
+  const Point at{step.u, step.p};
+  Eigen::MatrixXd result(static_cast<Eigen::Index>(robot.readings.size()), static_cast<Eigen::Index>(indices.size()));
+  for (size_t k = 0; k < robot.readings.size(); ++k) {
+    const auto row = static_cast<Eigen::Index>(k);
+    const SceneReading& reading = robot.readings[k];
+    if (!reading.channel) {
+      result.row(row) = net_force_derivatives(robot, reading, step, state, indices).transpose();
+      continue;
+    }
+    result.row(row) = reading.channel->gradient(at).transpose() * state.du;
+    for (size_t j = 0; j < indices.size(); ++j)
+      result(row, static_cast<Eigen::Index>(j)) += reading.channel->parameter_derivative(at, indices[j]);
+  }
+  return result;
+}
+
+Eigen::VectorXd reading_gradient(const Robot& robot, std::vector<AcceptedStep> states, const SceneReading& reading,
+                                 const Eigen::MatrixXd& du_start, const std::vector<int>& indices) {
+  Eigen::VectorXd result(static_cast<Eigen::Index>(indices.size())), by_state;
+  {
+    const Point end{states.back().u, states.back().p};
+    by_state = reading.channel->gradient(end);
+    for (size_t j = 0; j < indices.size(); ++j)
+      result[static_cast<Eigen::Index>(j)] = reading.channel->parameter_derivative(end, indices[j]);
+  }
+  states.erase(states.begin());
+  if (!states.empty()) {
+    std::vector<Eigen::VectorXd> gradients(states.size());
+    gradients.back() = by_state;
+    const TrajectoryGradient trajectory = adjoint_gradient(*robot.scene.model, states, gradients, indices);
+    result += trajectory.parameters.rowwise().sum();
+    by_state = trajectory.start;
+  }
+  return result + du_start.transpose() * by_state;
+}
+
+}  // namespace taut

@@ -1,0 +1,35 @@
+#pragma once
+#include <Eigen/Core>
+#include <vector>
+
+#include "sim/robots/robot.hpp"
+#include "sim/solve/time_stepper.hpp"
+
+namespace taut {
+
+/// What the derivatives of a state are: of u, and in a time step of its step.reference; (unknowns x numbers).
+struct StateDerivatives {
+  const Eigen::MatrixXd& du;
+  const Eigen::MatrixXd& dreference;
+};
+
+/// Force of a reading of kind net_force, by all others but gravity: mass times acceleration less weight [N]. Zero at
+/// the start, where there is no step yet.
+double net_force(const Robot& robot, const SceneReading& reading, const AcceptedStep& step);
+
+/// dy/dp of all readings in a state, (readings x indices), per unit of each parameter:
+///
+///     dy/dp = dy/du du/dp + dy/dp at fixed u,
+///
+/// of a net force by its inertia and weight, which are linear in every density, mass and thickness.
+Eigen::MatrixXd reading_derivatives(const Robot& robot, const AcceptedStep& step, const StateDerivatives& state,
+                                    const std::vector<int>& indices);
+
+/// The derivatives of one reading in the last of `states` with respect to parameters that are the same in all of them,
+/// or are all offset alike, by the adjoint method: one linear solve per state, whatever the number of parameters.
+/// `states` are all accepted steps of a trajectory, its start included; `du_start` (unknowns x indices) the derivatives
+/// of that start. The reading has a channel (it is no net force).
+Eigen::VectorXd reading_gradient(const Robot& robot, std::vector<AcceptedStep> states, const SceneReading& reading,
+                                 const Eigen::MatrixXd& du_start, const std::vector<int>& indices);
+
+}  // namespace taut

@@ -1,0 +1,45 @@
+#include "sim/shapes/outlines.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace taut {
+
+std::vector<ShapeKey> Boxes::keys() {
+  return {{"box", &boxes, Allowed::any(), "region, lower and upper corner of each", Quantity::length, true}};
+}
+std::vector<MeshKey> Boxes::mesh_keys() const {
+  return {{MeshKey::size, "size", "of the elements, about"}};
+}
+Mesh Boxes::mesh(const MeshSettings& settings, bool, bool) const {
+  return mesh_boxes(boxes, settings.size, settings.order);
+}
+
+std::vector<ShapeKey> Polygons::keys() {
+  return {{"polygon", &polygons, Allowed::any(), "region, corners and names of edges of each", Quantity::length, true}};
+}
+std::vector<MeshKey> Polygons::mesh_keys() const {
+  return {{MeshKey::size, "size", "of the elements, about"}};
+}
+Mesh Polygons::mesh(const MeshSettings& settings, bool, bool) const {
+  return mesh_polygons(polygons, settings.size, settings.order);
+}
+
+std::vector<ShapeKey> Disc::keys() {
+  return {{"radius", &radius, Allowed::positive(), "of the disc", Quantity::length, true},
+          {"region", &region, Allowed::any(), "name of its material", Quantity::pure, true}};
+}
+std::vector<MeshKey> Disc::mesh_keys() const {
+  return {{MeshKey::size, "size", "of the elements, about"}};
+}
+Mesh Disc::mesh(const MeshSettings& settings, bool, bool) const {
+  PolygonRegion circle{region, {}, {}};
+  const int corners = std::max(12, static_cast<int>(std::ceil(2 * M_PI * radius / settings.size)));
+  for (int i = 0; i < corners; ++i) {
+    const double angle = 2 * M_PI * i / corners;
+    circle.vertices.push_back({radius * std::cos(angle), radius * std::sin(angle)});
+  }
+  return mesh_polygons({circle}, settings.size, settings.order);
+}
+
+}  // namespace taut

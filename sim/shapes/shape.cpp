@@ -1,0 +1,85 @@
+#include "sim/shapes/shape.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <type_traits>
+
+#include "sim/core/error.hpp"
+#include "sim/shapes/all.hpp"
+
+namespace taut {
+namespace {
+
+template <class... Shapes>
+std::vector<std::unique_ptr<Shape>> one_of_each(std::type_identity<std::tuple<Shapes...>>) {
+  std::vector<std::unique_ptr<Shape>> all;
+  (all.push_back(std::make_unique<Shapes>()), ...);
+  return all;
+}
+
+}  // namespace
+
+std::vector<std::string> shape_kinds() {
+  std::vector<std::string> kinds;
+  for (const auto& shape : one_of_each(std::type_identity<AllShapes>())) kinds.push_back(shape->kind());
+  return kinds;
+}
+
+std::unique_ptr<Shape> make_shape(std::string_view kind) {
+  for (auto& shape : one_of_each(std::type_identity<AllShapes>())) {
+    if (shape->kind() == kind) return std::move(shape);
+  }
+  throw InputError(fmt::format("'{}' is no kind of geometry{}; allowed: {}", kind, did_you_mean(kind, shape_kinds()),
+                               join(shape_kinds())));
+}
+
+std::string MeshSettings::describe() const {
+  std::string text = fmt::format("{}{}", order == 1 ? "linear" : "quadratic",
+                                 formulation == Formulation::locking_free ? ", locking-free" : "");
+  if (!cells.empty()) {
+    text += ", ";
+    for (size_t i = 0; i < cells.size(); ++i) text += fmt::format("{}{}", i == 0 ? "" : " x ", cells[i]);
+    text += " cells";
+  } else if (size > 0) {
+    text += fmt::format(", elements of {}", with_unit(size, "m"));
+  }
+  if (contact_gap > 0) text += fmt::format(", contact gap {}", with_unit(contact_gap, "m"));
+  return text;
+}
+
+double contact_gap(const MeshSettings& settings, double diagonal) {
+  return settings.contact_gap > 0 ? settings.contact_gap : 2e-5 * diagonal;
+}
+
+std::string in_mm(double length) {
+  return fmt::format("{:.6g} mm", 1e3 * length);
+}
+
+void check_counts(std::string_view who, std::initializer_list<std::pair<std::string_view, int>> counts) {
+  for (const auto& [name, count] : counts) {
+    if (count < 1) throw InputError(fmt::format("{}: {} is {}; at least 1 is needed", who, name, count));
+  }
+}
+
+void Shape::check_keys(std::string_view who) const {
+  const std::unique_ptr<Shape> own = clone();
+  for (const ShapeKey& key : own->keys()) {
+    if (key.required) continue;
+    if (int* const* count = std::get_if<int*>(&key.value); count != nullptr && !key.allowed.holds(**count))
+      throw InputError(fmt::format("{}: {} is {}; at least {} is needed", who, key.key, **count, key.allowed.least));
+    double* const* length = std::get_if<double*>(&key.value);
+    if (length == nullptr || std::isinf(key.allowed.least) || key.allowed.holds(**length)) continue;
+    throw InputError(fmt::format("{}: {} is {}; a positive length {}", who, key.key, in_mm(**length),
+                                 key.allowed.open ? "is needed" : "or 0 for none is allowed"));
+  }
+}
+
+int Shape::count(const MeshSettings& settings, std::string_view key) const {
+  const auto given = settings.counts.find(key);
+  if (given != settings.counts.end()) return given->second;
+  const std::vector<MeshKey> keys = mesh_keys();
+  return std::find_if(keys.begin(), keys.end(), [&](const MeshKey& one) { return one.key == key; })->fallback;
+}
+
+}  // namespace taut

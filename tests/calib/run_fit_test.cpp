@@ -1,0 +1,72 @@
+#include "calib/runs/run_fit.hpp"
+
+#include <gtest/gtest.h>
+
+#include "calib/runs/open_bench.hpp"
+#include "tests/support/experiment_files.hpp"
+
+namespace taut {
+namespace {
+
+using namespace test;
+
+const std::string kWhole = beam_toml +
+                           "\n[fit.diagnostic]\nparameter = \"E_foam\"\nper = \"pull\"\n"
+                           "\n[[fit.variant]]\nname = \"coarser\"\ncells = [6, 2]\n";
+
+class RunFit : public testing::Test {
+ protected:
+  RunRecord run(const RunEvents& events) {
+    folder.write("bench.csv", beam_csv);
+    const std::unique_ptr<Bench> bench = open_bench(folder.write("experiment.toml", kWhole));
+    EvaluationLog log(folder / ("log_" + std::to_string(logs++)), "test");
+    return run_fit(*bench, start_record(*bench), log, {}, events);
+  }
+  TemporaryFolder folder;
+  int logs = 0;
+};
+
+TEST_F(RunFit, AStageThatThrowsIsARemarkAndCostsItselfAlone) {
+  std::vector<std::string> stages;
+  RunEvents watching;
+  watching.begins = [&](std::string_view stage) { stages.emplace_back(stage); };
+  const RunRecord whole = run(watching);
+  EXPECT_EQ(whole.failed_stages, 0);
+  ASSERT_GE(stages.size(), 6u) << "replay, curves, shapes, shares, two parts, a variant";
+  for (const std::string& faulty : stages) {
+    int kept = 0;
+    RunEvents events;
+    events.begins = [&](std::string_view stage) {
+      if (stage == faulty) throw std::runtime_error("a fault");
+    };
+    events.keep = [&](const RunRecord& so_far) {
+      EXPECT_EQ(so_far.fit.status, FitStatus::converged);
+      ++kept;
+    };
+    const RunRecord record = run(events);
+    EXPECT_EQ(record.failed_stages, 1) << faulty;
+    EXPECT_EQ(record.remarks.back(), faulty + " failed and is left out: a fault");
+    EXPECT_EQ(record.fit.p, whole.fit.p) << faulty;
+    EXPECT_EQ(kept, static_cast<int>(stages.size()) + 1) << "after the fit and after each stage";
+    const size_t parts = record.curves.size() + record.shapes.size() + record.shares.size() +
+                         record.diagnostics.size() + record.variants.size();
+    const size_t all = whole.curves.size() + whole.shapes.size() + whole.shares.size() + whole.diagnostics.size() +
+                       whole.variants.size();
+    EXPECT_TRUE(parts < all || faulty == "the replay") << faulty;
+  }
+}
+
+TEST_F(RunFit, WhatCannotBeKeptInALaterStageDoesNotEndTheRun) {
+  int calls = 0;
+  RunEvents events;
+  events.keep = [&](const RunRecord&) {
+    if (++calls > 1) throw std::runtime_error("no room");
+  };
+  const RunRecord record = run(events);
+  EXPECT_EQ(record.fit.status, FitStatus::converged);
+  EXPECT_EQ(record.variants.size(), 1u);
+  EXPECT_NE(record.remarks.back().find("no room"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace taut

@@ -1,0 +1,54 @@
+#include "sim/shapes/sheet.hpp"
+
+#include <gtest/gtest.h>
+
+#include "tests/support/mesh_checks.hpp"
+#include "tests/support/message.hpp"
+
+namespace taut {
+namespace {
+
+using namespace test;
+
+TEST(Sheet, VolumesOfFoamAndPlasticAreThoseOfTheDrawing) {
+  for (int order : {1, 2}) {
+    const Sheet s;
+    const Mesh mesh = mesh_sheet(s, {.order = order});
+    mesh.check("sheet");
+    EXPECT_NEAR(s.length(), 120e-3, 1e-15);
+    EXPECT_NEAR(s.width(), 70e-3, 1e-15);
+    EXPECT_NEAR(total_measure(mesh), 120e-3 * 70e-3 * 4e-3, 1e-17);
+    EXPECT_NEAR(total_measure(mesh, "plastic"), 15 * 20e-3 * 20e-3 * 4e-3, 1e-17);
+    EXPECT_NEAR(size_of(mesh, mesh.select("base")), 70e-3 * 4e-3, 1e-16);
+    EXPECT_NEAR(size_of(mesh, mesh.select("upper")), 70e-3 * 120e-3, 1e-15);
+    for (int node : mesh.select("tip").nodes()) EXPECT_NEAR(mesh.node(node)[0], 120e-3, 1e-15);
+    for (int node : mesh.select("lower").nodes()) EXPECT_NEAR(mesh.node(node)[2], -2e-3, 1e-15);
+  }
+}
+
+TEST(Sheet, CablesRunThroughTheTilesOfARow) {
+  const Sheet s;
+  const Mesh mesh = mesh_sheet(s);
+  for (int row = 0; row < s.rows; ++row) {
+    const auto path = cable_path(s, row, 1.2e-3);
+    ASSERT_EQ(path.size(), 10u);
+    for (size_t k = 0; k < path.size(); ++k) {
+      EXPECT_NO_THROW(locate(mesh, path[k]));
+      EXPECT_NEAR(path[k][0], 25e-3 * static_cast<double>(k / 2) + (k % 2 == 1 ? 20e-3 : 0), 1e-15);
+      EXPECT_NEAR(path[k][1], 10e-3 + 25e-3 * row, 1e-15);
+      EXPECT_EQ(path[k][2], 1.2e-3);
+    }
+  }
+}
+
+TEST(Sheet, WhatMakesNoSheetIsRefused) {
+  Sheet s;
+  expect_input_error([&] { cable_path(s, 3, 0); }, {"no row 3"});
+  expect_input_error([&] { cable_path(s, 0, 2.5e-3); }, {"2.5 mm", "2 mm"});
+  expect_input_error([&] { mesh_sheet(s, {.tile_cells = 0}); }, {"tile_cells is 0"});
+  s.strip = 0;
+  expect_input_error([&] { mesh_sheet(s); }, {"strip", "positive"});
+}
+
+}  // namespace
+}  // namespace taut

@@ -1,0 +1,57 @@
+#pragma once
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cstdio>
+#include <string>
+#include <vector>
+
+#include "tests/support/experiment_files.hpp"
+
+// The command `taut` as its users start it.
+namespace taut::test {
+
+struct Outcome {
+  int code = -1;
+  std::string out, err;
+};
+
+/// Starts the program with its streams in files; returns its process.
+inline pid_t start(const std::vector<std::string>& arguments, const std::string& folder) {
+  std::vector<std::string> words{TAUT_BINARY};
+  words.insert(words.end(), arguments.begin(), arguments.end());
+  std::vector<char*> argv;
+  for (std::string& word : words) argv.push_back(word.data());
+  argv.push_back(nullptr);
+  std::fflush(nullptr);  // or the child would write what is buffered again
+  const pid_t child = fork();
+  if (child == 0) {
+    const bool ready = chdir(folder.c_str()) == 0 && std::freopen("stdout.txt", "w", stdout) != nullptr &&
+                       std::freopen("stderr.txt", "w", stderr) != nullptr;
+    if (ready) execv(argv[0], argv.data());
+    _exit(127);
+  }
+  return child;
+}
+
+inline Outcome finish(pid_t child, const std::string& folder) {
+  int status = 0;
+  waitpid(child, &status, 0);
+  Outcome outcome;
+  outcome.code = WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
+  outcome.out = text_of(folder + "/stdout.txt");
+  outcome.err = text_of(folder + "/stderr.txt");
+  return outcome;
+}
+
+inline Outcome run_in(const std::string& folder, const std::vector<std::string>& arguments) {
+  return finish(start(arguments, folder), folder);
+}
+
+inline void expect_holds(const std::string& text, const std::vector<std::string>& parts) {
+  for (const std::string& part : parts)
+    EXPECT_NE(text.find(part), std::string::npos) << part << " is not in:\n" << text;
+}
+
+}  // namespace taut::test
