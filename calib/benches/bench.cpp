@@ -46,7 +46,9 @@ std::unique_ptr<Bench> Bench::part(size_t /*control*/, double /*held*/) const {
 
 std::unique_ptr<Bench> Bench::at_loads(const std::string& /*path*/) const {
   throw InputError(fmt::format(
-      "{}: has no table of loads to predict at; use `taut replay` on the experiment with --set", experiment_.path));
+      "{}: its readings run over {}, so that there is no table of loads to predict at; use `taut replay` on "
+      "the experiment with --set",
+      experiment_.path, controls_.front().label));
 }
 
 std::vector<double> Bench::values_of(size_t control) const {
@@ -62,6 +64,18 @@ bool Bench::sets(const std::string& id) const {
 std::optional<double> Bench::declared_sigma(int channel, double value) const {
   if (!experiment_.bench.sigma_column.empty()) return std::nullopt;
   return experiment_.bench.channels[static_cast<size_t>(channel)].noise.sigma(value);
+}
+
+BenchReading& Bench::add_reading(const Reading& reading, int row) {
+  BenchReading& added = readings_.emplace_back();
+  added.line = reading.line;
+  added.trial = reading.trial;
+  added.channel = reading.channel;
+  added.controls = reading.controls;
+  added.value = reading.value;
+  added.sigma = reading.sigma;
+  added.row = row;
+  return added;
 }
 
 std::string Bench::control_text(size_t control, double value) const {

@@ -158,6 +158,7 @@ class Bench {
   std::string describe_control(size_t control, double value) const;
 
  protected:
+  BenchReading& add_reading(const Reading& reading, int row);
   /// "5.89 mm"; zero in the unit of the control's other values.
   std::string control_text(size_t control, double value) const;
 

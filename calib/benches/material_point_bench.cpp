@@ -40,14 +40,7 @@ MaterialPointBench::MaterialPointBench(Experiment experiment, Trials trials, con
     const std::string& mode = trials_.channel_ids[static_cast<size_t>(from.channel)];
     if (std::find(fit_.modes.begin(), fit_.modes.end(), mode) == fit_.modes.end()) continue;
     measurements_.push_back(rows_.measurements[i]);
-    BenchReading& reading = readings_.emplace_back();
-    reading.line = from.line;
-    reading.trial = from.trial;
-    reading.channel = from.channel;
-    reading.controls = from.controls;
-    reading.value = from.value;
-    reading.sigma = from.sigma;
-    reading.row = rows_.measurements[i].row;
+    add_reading(from, rows_.measurements[i].row);
   }
 }
 

@@ -90,14 +90,7 @@ void StaticBench::find_axes() {
 void StaticBench::find_readings() {
   for (size_t i = 0; i < trials_.readings.size(); ++i) {
     const Reading& from = trials_.readings[i];
-    BenchReading& reading = readings_.emplace_back();
-    reading.line = from.line;
-    reading.trial = from.trial;
-    reading.channel = from.channel;
-    reading.controls = from.controls;
-    reading.value = from.value;
-    reading.sigma = from.sigma;
-    reading.row = replay_.row_of_reading[i];
+    BenchReading& reading = add_reading(from, replay_.row_of_reading[i]);
     if (drawn_control_ >= 0) {
       const size_t k = static_cast<size_t>(drawn_control_);
       reading.load_newtons = as_force(k, from.controls[k]);

@@ -33,7 +33,11 @@ const std::vector<std::string> before_lists{"fit.json", "predictions.csv", "repo
 std::vector<std::string> lines_of(const fs::path& file) {
   std::vector<std::string> lines;
   std::istringstream text(read_file(file.string()));
-  for (std::string line; std::getline(text, line);) lines.push_back(line);
+  for (std::string line; std::getline(text, line);) {
+    const fs::path path(line);  // a list that someone edited must not reach out of its folder
+    if (path.is_relative() && std::find(path.begin(), path.end(), "..") == path.end() && !line.empty())
+      lines.push_back(line);
+  }
   return lines;
 }
 

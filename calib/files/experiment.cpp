@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <set>
 
+#include "calib/files/fit_tables.hpp"
 #include "calib/files/recordings_file.hpp"
 #include "calib/files/uniaxial_file.hpp"
 #include "sim/core/error.hpp"
@@ -256,15 +257,7 @@ void read_bench(TableReader table, Experiment& experiment) {
 }
 
 void read_fit(TableReader table, Experiment& experiment) {
-  for (auto& [id, free] : table.named_tables("free")) {
-    FreeSettings settings;
-    settings.id = id;
-    settings.start = free.optional_given("start");
-    settings.lower = free.optional_given("lower");
-    settings.upper = free.optional_given("upper");
-    free.finish();
-    experiment.free.push_back(settings);
-  }
+  read_free(table, experiment);
   experiment.all_profiles = table.choice("profiles", {"doubtful", "all"}) == "all";
   if (!experiment.recordings) experiment.mesh_share = table.boolean("mesh_share", true);
   if (auto diagnostic = table.optional_table("diagnostic")) {
@@ -283,15 +276,7 @@ void read_fit(TableReader table, Experiment& experiment) {
     variant.finish();
     experiment.variants.push_back(settings);
   }
-  for (TableReader& reference : table.tables("reference")) {
-    ReferenceValue value;
-    value.parameter = reference.text("parameter");
-    if (!reference.has("value")) reference.fail("", "'value' is missing; add the published value with its unit");
-    value.value = *reference.optional_given("value");
-    value.source = reference.text("source");
-    reference.finish();
-    experiment.references.push_back(value);
-  }
+  read_references(table, experiment);
   table.finish();
 }
 
@@ -391,12 +376,7 @@ Experiment read_experiment(const std::string& path) {
   TableReader root = file.root();
   Experiment experiment;
   experiment.path = path;
-  experiment.title = root.text("title");
-  const std::string data = root.text("data");
-  if (data != "measured" && data != "simulated")
-    root.fail("data", fmt::format("'{}' is not known{}; allowed: measured, simulated", data,
-                                  did_you_mean(data, {"measured", "simulated"})));
-  experiment.simulated = data == "simulated";
+  read_head(root, experiment);
   read_model(root, experiment);
 
   experiment.geometry = read_geometry(root.table("geometry"), path);

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "calib/files/fit_tables.hpp"
 #include "sim/core/error.hpp"
 #include "sim/files/tables.hpp"
 #include "sim/terms/solid.hpp"
@@ -79,11 +80,7 @@ void read_bench(TableReader table, Experiment& experiment) {
 
 void read_fit(TableReader table, Experiment& experiment) {
   const MaterialSettings& material = experiment.materials.front();
-  for (auto& [id, free] : table.named_tables("free")) {
-    experiment.free.push_back(
-        {id, free.optional_given("start"), free.optional_given("lower"), free.optional_given("upper")});
-    free.finish();
-  }
+  read_free(table, experiment);
   for (TableReader& entry : table.tables("variant")) {
     VariantSettings variant;
     variant.name = entry.text("name");
@@ -94,15 +91,7 @@ void read_fit(TableReader table, Experiment& experiment) {
     entry.finish();
     experiment.variants.push_back(variant);
   }
-  for (TableReader& entry : table.tables("reference")) {
-    ReferenceValue reference;
-    reference.parameter = entry.text("parameter");
-    if (!entry.has("value")) entry.fail("", "'value' is missing; add the published value with its unit");
-    reference.value = *entry.optional_given("value");
-    reference.source = entry.text("source");
-    entry.finish();
-    experiment.references.push_back(reference);
-  }
+  read_references(table, experiment);
   table.finish();
 }
 
@@ -121,12 +110,7 @@ Experiment read_uniaxial(const TomlFile& file, const std::string& path) {
   Experiment experiment;
   experiment.material_point = true;
   experiment.path = path;
-  experiment.title = root.text("title");
-  const std::string data = root.text("data");
-  if (data != "measured" && data != "simulated")
-    root.fail("data", fmt::format("'{}' is not known{}; allowed: measured, simulated", data,
-                                  did_you_mean(data, {"measured", "simulated"})));
-  experiment.simulated = data == "simulated";
+  read_head(root, experiment);
   TableReader geometry = root.table("geometry");
   geometry.text("kind");
   geometry.finish();

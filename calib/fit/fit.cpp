@@ -6,18 +6,18 @@
 #include <Eigen/QR>
 #include <Eigen/SVD>
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <limits>
 
 #include "calib/fit/goodness_of_fit.hpp"
 #include "sim/core/error.hpp"
+#include "sim/core/numbers.hpp"
+#include "sim/core/stopwatch.hpp"
 #include "sim/core/units.hpp"
 
 namespace taut {
 namespace {
 
-constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 constexpr double z95 = 1.959963984540054;   ///< 97.5 % quantile of the normal distribution
 constexpr double profile_rise = z95 * z95;  ///< rise of chi squared at the ends of a 95 % profile interval
 
@@ -205,7 +205,7 @@ struct Search {
 struct Minimum {
   ceres::Solver::Summary summary;
   std::vector<double> q;
-  double chi_squared = nan;
+  double chi_squared = not_a_number;
 };
 
 constexpr double damped = 1, undamped = 1e4;  ///< trust-region radii: half a Gauss-Newton step, the whole step
@@ -444,6 +444,235 @@ std::string explain(const ParameterEstimate& e, const Spread& spread, const std:
   return text;
 }
 
+/// A fit in its steps.
+class Fit {
+ public:
+  Fit(Protocol& protocol, const std::vector<Measurement>& measurements, const std::vector<FreeParameter>& free,
+      const FitOptions& options)
+      : protocol_(protocol),
+        measurements_(measurements),
+        free_(free),
+        options_(options),
+        evaluator_(protocol, measurements, free, options),
+        last_(protocol, measurements, free, options),
+        factorisations_(protocol.factorisations()) {}
+
+  FitResult run() {
+    set_start();
+    search();
+    result_.search = cost_so_far();
+    list_estimates();
+    if (last_.prediction().values.size() == 0 || !last_.prediction().complete()) return std::move(result_);
+    judge_fit();
+    find_covariance();
+    {
+      const Search profiles(protocol_);
+      for (size_t j = 0; j < free_.size(); ++j) judge_parameter(j);
+    }
+    result_.profiles = cost_so_far();
+    return std::move(result_);
+  }
+
+ private:
+  void set_start() {
+    for (size_t j = 0; j < free_.size(); ++j) {
+      const FreeParameter& free = free_[j];
+      const ParameterSpec& spec = protocol_.parameters()[free.index];
+      if (!(free.lower < free.upper) || !(free.start >= free.lower && free.start <= free.upper)) {
+        throw InputError(fmt::format("{}: the start {:.6g} {} must lie between its bounds {:.6g} and {:.6g}", spec.id,
+                                     free.start, spec.unit, free.lower, free.upper));
+      }
+      best_.q.push_back(evaluator_.scale(j).inside(free.start));
+    }
+  }
+
+  FitCost cost_so_far() {
+    const FitCost cost{watch_.seconds(), protocol_.factorisations() - factorisations_};
+    watch_ = Stopwatch();
+    factorisations_ = protocol_.factorisations();
+    return cost;
+  }
+
+  FitStatus search_status() const {
+    if (evaluator_.stopped()) return FitStatus::interrupted;
+    if (best_.summary.IsSolutionUsable() && best_.summary.termination_type != ceres::NO_CONVERGENCE)
+      return FitStatus::converged;
+    return evaluator_.failed > 0 && evaluator_.failed == evaluator_.evaluations ? FitStatus::start_failed
+                                                                                : FitStatus::not_converged;
+  }
+
+  void search_once(bool first) {
+    const Search searching(protocol_);
+    const bool near = !first || step_in_compliance(evaluator_, free_, best_.q);
+    best_ = minimise(evaluator_, free_, measurements_.size(), best_.q, -1, near ? undamped : damped, options_);
+  }
+
+  /// Whether the cold path finds the same chi squared, or nearly, and within a thirtieth of a standard error of the
+  /// optimum on the protocol's own path.
+  bool agrees(double again) const {
+    const double apart = std::abs(again - best_.chi_squared) / (1 + best_.chi_squared);
+    if (apart <= 1e-6) return true;
+    return apart <= 1e-2 && promised_decrease(last_, free_, best_.q, last_.residuals(), last_.jacobian(), -1) <=
+                                std::max(1e-3, 1e-5 * again);
+  }
+
+  /// What is reported is computed once more from the start of the protocol's path, without the fit's history. Should
+  /// the history have led to another equilibrium than that path does, the fit goes on from there.
+  void search() {
+    for (int round = 0; round < 3; ++round) {
+      last_.reset();
+      search_once(round == 0);
+      result_.iterations += std::max(0, static_cast<int>(best_.summary.iterations.size()) - 1);
+      result_.message = best_.summary.termination_type == ceres::USER_SUCCESS ? "a further step promises nothing more"
+                                                                              : best_.summary.message;
+      result_.status = search_status();
+      if (result_.status == FitStatus::start_failed || result_.status == FitStatus::interrupted) break;
+      protocol_.forget();
+      last_.reset();
+      if (!last_.evaluate(best_.q.data())) {
+        result_.status = last_.stopped() ? FitStatus::interrupted : FitStatus::not_converged;
+        result_.message =
+            "the optimum could not be computed again from the start of the path: " + last_.failures.front();
+        break;
+      }
+      const double again = last_.residuals().squaredNorm();
+      if (agrees(again)) break;
+      evaluator_.reset();
+      if (round < 2) continue;
+      result_.status = FitStatus::not_converged;
+      result_.message = fmt::format(
+          "chi squared is {:.6g} on the fit's way and {:.6g} on the protocol's own path: there is more than one "
+          "equilibrium",
+          best_.chi_squared, again);
+    }
+    result_.evaluations = evaluator_.evaluations + last_.evaluations;
+    result_.failed_evaluations = evaluator_.failed;
+    result_.failures = evaluator_.failures;
+  }
+
+  void list_estimates() {
+    for (size_t j = 0; j < free_.size(); ++j) {
+      ParameterEstimate& estimate = result_.parameters.emplace_back();
+      estimate.spec = protocol_.parameters()[free_[j].index];
+      estimate.start = free_[j].start;
+      estimate.lower = free_[j].lower;
+      estimate.upper = free_[j].upper;
+      estimate.value = evaluator_.scale(j).outside(best_.q[j]);
+      estimate.standard_error = not_a_number;
+    }
+    result_.p = evaluator_.params(best_.q.data());
+  }
+
+  void judge_fit() {
+    result_.predicted = last_.prediction().values;
+    const Eigen::VectorXd r = last_.residuals();
+    jacobian_ = last_.jacobian();
+    best_.chi_squared = result_.chi_squared = r.squaredNorm();
+    if (result_.status == FitStatus::converged && stopped_by_failures(evaluator_, free_, best_.q, r, jacobian_)) {
+      result_.status = FitStatus::not_converged;
+      result_.message =
+          "the fit ended where simulations fail, before it was at a minimum: " + evaluator_.failures.front();
+    }
+    result_.residuals.resize(r.size());
+    for (Eigen::Index i = 0; i < r.size(); ++i)
+      result_.residuals[i] = -r[i] * measurements_[static_cast<size_t>(i)].sigma;
+    result_.dof = static_cast<int>(measurements_.size()) - static_cast<int>(free_.size());
+    result_.chi_squared_p = chi_squared_probability(result_.chi_squared, result_.dof);
+    result_.lack_of_fit = lack_of_fit(measurements_, result_.chi_squared, free_.size());
+  }
+
+  /// Directions that the readings do not see get a deviation of a hundred ranges instead of a pseudo-inverse's zero;
+  /// more than that would drown in rounding what they do see.
+  void find_covariance() {
+    const Eigen::Index n = static_cast<Eigen::Index>(free_.size());
+    ranges_.resize(n);
+    for (size_t j = 0; j < free_.size(); ++j)
+      ranges_[static_cast<Eigen::Index>(j)] = range_of(free_[j], evaluator_.scale(j), result_.parameters[j].value);
+    const Eigen::JacobiSVD<Eigen::MatrixXd> svd(jacobian_ * ranges_.asDiagonal(),
+                                                Eigen::ComputeThinU | Eigen::ComputeThinV);
+    result_.singular_values = svd.singularValues();
+    result_.weakest = svd.matrixV().col(n - 1);
+    const Eigen::VectorXd inverse = svd.singularValues().cwiseMax(0.01).cwiseInverse();
+    const Eigen::MatrixXd root = ranges_.asDiagonal() * svd.matrixV() * inverse.asDiagonal();
+    result_.covariance = root * root.transpose();
+    deviations_ = root.rowwise().norm();
+    result_.correlation =
+        deviations_.cwiseInverse().asDiagonal() * result_.covariance * deviations_.cwiseInverse().asDiagonal();
+    const Eigen::MatrixXd& D = last_.prediction().derivatives;  // on the fitted scale already
+    result_.prediction_se = (D * root).rowwise().norm();
+  }
+
+  /// Verdict, interval and the words for them.
+  void judge_parameter(size_t j) {
+    ParameterEstimate& estimate = result_.parameters[j];
+    const Scale& scale = evaluator_.scale(j);
+    const Eigen::Index k = static_cast<Eigen::Index>(j);
+    const Spread spread{deviations_[k] / ranges_[k], 1 / std::max(jacobian_.col(k).norm(), 1e-150) / ranges_[k]};
+    estimate.verdict = verdict_of(spread);
+    estimate.standard_error = spread.joint < 10 ? deviations_[k] * scale.slope(estimate.value) : not_a_number;
+    find_interval(j);
+    std::string partner;
+    double strongest = 0;
+    for (size_t i = 0; i < free_.size(); ++i) {
+      const double c = result_.correlation(k, static_cast<Eigen::Index>(i));
+      if (i != j && std::abs(c) > std::abs(strongest)) {
+        strongest = c;
+        partner = result_.parameters[i].spec.id;
+      }
+    }
+    const double margin = 1e-6 * ranges_[k];
+    const bool at_bound =
+        best_.q[j] - scale.inside(estimate.lower) < margin || scale.inside(estimate.upper) - best_.q[j] < margin;
+    estimate.explanation = explain(estimate, spread, partner, strongest, at_bound);
+  }
+
+  /// The parabola's interval, or where that cannot be trusted that of the profile likelihood.
+  void find_interval(size_t j) {
+    ParameterEstimate& estimate = result_.parameters[j];
+    const Scale& scale = evaluator_.scale(j);
+    const double reach = z95 * deviations_[static_cast<Eigen::Index>(j)];
+    const double lower = best_.q[j] - reach, upper = best_.q[j] + reach;
+    const bool doubtful = estimate.verdict != Verdict::well_determined || lower < scale.inside(estimate.lower) ||
+                          upper > scale.inside(estimate.upper);
+    std::optional<double> low = lower, high = upper;
+    if (doubtful) low = high = std::nullopt;
+    if (options_.profiles && (doubtful || options_.all_profiles) && !evaluator_.stopped()) {
+      const double range = ranges_[static_cast<Eigen::Index>(j)];
+      const double guess = std::min(reach, scale.logarithmic ? 1.0 : 0.25 * range);
+      estimate.profile.emplace_back(estimate.value, 0.0);
+      auto end = [&](int sign) {
+        return profile_end(evaluator_, free_, measurements_.size(), best_, result_.covariance, j, sign, guess,
+                           estimate.verdict == Verdict::tied, options_, estimate.profile);
+      };
+      const std::optional<double> down = end(-1), up = end(+1);
+      if (!evaluator_.stopped()) {  // half a search is worth less than the parabola, or than nothing
+        low = down;
+        high = up;
+      }
+      std::sort(estimate.profile.begin(), estimate.profile.end());
+    }
+    if (doubtful) {
+      if (estimate.verdict != Verdict::well_determined && low.has_value() != high.has_value())
+        estimate.verdict = Verdict::bounded_from_one_side;
+      if (estimate.verdict == Verdict::invisible && low && high) estimate.verdict = Verdict::weakly_determined;
+    }
+    if (low) estimate.lower95 = scale.outside(*low);
+    if (high) estimate.upper95 = scale.outside(*high);
+  }
+
+  Protocol& protocol_;
+  const std::vector<Measurement>& measurements_;
+  const std::vector<FreeParameter>& free_;
+  const FitOptions& options_;
+  Evaluator evaluator_, last_;  ///< of the search; of the cold replay after it
+  Stopwatch watch_;
+  int factorisations_;
+  Minimum best_;
+  FitResult result_;
+  Eigen::MatrixXd jacobian_;             ///< at the end, fitted scale
+  Eigen::VectorXd ranges_, deviations_;  ///< per parameter, fitted scale
+};
+
 }  // namespace
 
 std::string_view name_of(Verdict verdict) {
@@ -495,174 +724,7 @@ FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, 
     throw InputError(fmt::format("{} readings cannot determine {} parameters; add readings or fix parameters",
                                  measurements.size(), free.size()));
   }
-  Evaluator evaluator(protocol, measurements, free, options);
-  std::vector<double> q;
-  for (size_t j = 0; j < free.size(); ++j) {
-    const ParameterSpec& spec = protocol.parameters()[free[j].index];
-    if (!(free[j].lower < free[j].upper) || !(free[j].start >= free[j].lower && free[j].start <= free[j].upper)) {
-      throw InputError(fmt::format("{}: the start {:.6g} {} must lie between its bounds {:.6g} and {:.6g}", spec.id,
-                                   free[j].start, spec.unit, free[j].lower, free[j].upper));
-    }
-    q.push_back(evaluator.scale(j).inside(free[j].start));
-  }
-
-  FitResult result;
-  using Clock = std::chrono::steady_clock;
-  Clock::time_point since = Clock::now();
-  int factorisations = protocol.factorisations();
-  auto cost_so_far = [&] {
-    FitCost cost{std::chrono::duration<double>(Clock::now() - since).count(),
-                 protocol.factorisations() - factorisations};
-    since = Clock::now();
-    factorisations = protocol.factorisations();
-    return cost;
-  };
-  const size_t n = free.size();
-  Minimum best;
-  best.q = q;
-  // What is reported is computed once more from the start of the protocol's path, without the fit's history. Should the
-  // history have led to another equilibrium than that path does, the fit goes on from there.
-  Evaluator last(protocol, measurements, free, options);
-  for (int round = 0; round < 3; ++round) {
-    last.reset();
-    {
-      const Search search(protocol);
-      const bool near = round > 0 || step_in_compliance(evaluator, free, best.q);
-      best = minimise(evaluator, free, measurements.size(), best.q, -1, near ? undamped : damped, options);
-    }
-    result.iterations += std::max(0, static_cast<int>(best.summary.iterations.size()) - 1);
-    result.message = best.summary.termination_type == ceres::USER_SUCCESS ? "a further step promises nothing more"
-                                                                          : best.summary.message;
-    result.status = evaluator.stopped() ? FitStatus::interrupted
-                    : best.summary.IsSolutionUsable() && best.summary.termination_type != ceres::NO_CONVERGENCE
-                        ? FitStatus::converged
-                    : evaluator.failed > 0 && evaluator.failed == evaluator.evaluations ? FitStatus::start_failed
-                                                                                        : FitStatus::not_converged;
-    if (result.status == FitStatus::start_failed || result.status == FitStatus::interrupted) break;
-    protocol.forget();
-    last.reset();
-    if (!last.evaluate(best.q.data())) {
-      result.status = last.stopped() ? FitStatus::interrupted : FitStatus::not_converged;
-      result.message = "the optimum could not be computed again from the start of the path: " + last.failures.front();
-      break;
-    }
-    const double again = last.residuals().squaredNorm();
-    // The same again, or nearly, and within a thirtieth of a standard error of the optimum on the protocol's own path.
-    const double apart = std::abs(again - best.chi_squared) / (1 + best.chi_squared);
-    if (apart <= 1e-6 || (apart <= 1e-2 && promised_decrease(last, free, best.q, last.residuals(), last.jacobian(),
-                                                             -1) <= std::max(1e-3, 1e-5 * again)))
-      break;
-    evaluator.reset();
-    if (round == 2) {
-      result.status = FitStatus::not_converged;
-      result.message = fmt::format(
-          "chi squared is {:.6g} on the fit's way and {:.6g} on the protocol's own path: there is more than one "
-          "equilibrium",
-          best.chi_squared, again);
-    }
-  }
-  result.search = cost_so_far();
-  result.evaluations = evaluator.evaluations + last.evaluations;
-  result.failed_evaluations = evaluator.failed;
-  result.failures = evaluator.failures;
-
-  for (size_t j = 0; j < n; ++j) {
-    ParameterEstimate estimate;
-    estimate.spec = protocol.parameters()[free[j].index];
-    estimate.start = free[j].start;
-    estimate.lower = free[j].lower;
-    estimate.upper = free[j].upper;
-    estimate.value = evaluator.scale(j).outside(best.q[j]);
-    estimate.standard_error = nan;
-    result.parameters.push_back(estimate);
-  }
-  result.p = evaluator.params(best.q.data());
-  if (last.prediction().values.size() == 0 || !last.prediction().complete()) return result;
-
-  result.predicted = last.prediction().values;
-  const Eigen::VectorXd r = last.residuals();
-  const Eigen::MatrixXd J = last.jacobian();
-  best.chi_squared = result.chi_squared = r.squaredNorm();
-  if (result.status == FitStatus::converged && stopped_by_failures(evaluator, free, best.q, r, J)) {
-    result.status = FitStatus::not_converged;
-    result.message = "the fit ended where simulations fail, before it was at a minimum: " + evaluator.failures.front();
-  }
-  result.residuals.resize(r.size());
-  for (size_t i = 0; i < measurements.size(); ++i)
-    result.residuals[static_cast<Eigen::Index>(i)] = -r[static_cast<Eigen::Index>(i)] * measurements[i].sigma;
-  result.dof = static_cast<int>(measurements.size()) - static_cast<int>(n);
-  result.chi_squared_p = chi_squared_probability(result.chi_squared, result.dof);
-  result.lack_of_fit = lack_of_fit(measurements, result.chi_squared, n);
-
-  // Directions that the readings do not see get a deviation of a hundred ranges instead of a pseudo-inverse's zero;
-  // more than that would drown in rounding what they do see.
-  Eigen::VectorXd ranges(static_cast<Eigen::Index>(n));
-  for (size_t j = 0; j < n; ++j)
-    ranges[static_cast<Eigen::Index>(j)] = range_of(free[j], evaluator.scale(j), result.parameters[j].value);
-  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(J * ranges.asDiagonal(), Eigen::ComputeThinU | Eigen::ComputeThinV);
-  result.singular_values = svd.singularValues();
-  result.weakest = svd.matrixV().col(static_cast<Eigen::Index>(n) - 1);
-  const Eigen::VectorXd inverse = svd.singularValues().cwiseMax(0.01).cwiseInverse();
-  const Eigen::MatrixXd root = ranges.asDiagonal() * svd.matrixV() * inverse.asDiagonal();
-  result.covariance = root * root.transpose();
-  const Eigen::VectorXd sd = root.rowwise().norm();
-  result.correlation = sd.cwiseInverse().asDiagonal() * result.covariance * sd.cwiseInverse().asDiagonal();
-  const Eigen::MatrixXd& D = last.prediction().derivatives;  // on the fitted scale already
-  result.prediction_se = (D * root).rowwise().norm();
-
-  const Search profiles(protocol);
-  for (size_t j = 0; j < n; ++j) {
-    ParameterEstimate& estimate = result.parameters[j];
-    const Scale& scale = evaluator.scale(j);
-    const Eigen::Index k = static_cast<Eigen::Index>(j);
-    const double range = ranges[k];
-    const Spread spread{sd[k] / range, 1 / std::max(J.col(k).norm(), 1e-150) / range};
-    estimate.verdict = verdict_of(spread);
-    estimate.standard_error = spread.joint < 10 ? sd[k] * scale.slope(estimate.value) : nan;
-
-    double lower = best.q[j] - z95 * sd[k], upper = best.q[j] + z95 * sd[k];
-    std::optional<double> low = lower, high = upper;
-    const double lower_bound = scale.inside(estimate.lower), upper_bound = scale.inside(estimate.upper);
-    const bool doubtful = estimate.verdict != Verdict::well_determined || lower < lower_bound || upper > upper_bound;
-    if (doubtful) low = high = std::nullopt;
-    if (options.profiles && (doubtful || options.all_profiles) && !evaluator.stopped()) {
-      const double guess = std::min(z95 * sd[k], scale.logarithmic ? 1.0 : 0.25 * range);
-      estimate.profile.emplace_back(estimate.value, 0.0);
-      auto end = [&](int sign) {
-        return profile_end(evaluator, free, measurements.size(), best, result.covariance, j, sign, guess,
-                           estimate.verdict == Verdict::tied, options, estimate.profile);
-      };
-      low = end(-1);
-      high = end(+1);
-      if (evaluator.stopped()) {  // half a search is worth less than the parabola, or than nothing
-        low = doubtful ? std::nullopt : std::optional(lower);
-        high = doubtful ? std::nullopt : std::optional(upper);
-      }
-      std::sort(estimate.profile.begin(), estimate.profile.end());
-    }
-    if (doubtful) {
-      if (estimate.verdict != Verdict::well_determined && low.has_value() != high.has_value())
-        estimate.verdict = Verdict::bounded_from_one_side;
-      if (estimate.verdict == Verdict::invisible && low && high) estimate.verdict = Verdict::weakly_determined;
-    }
-    if (low) estimate.lower95 = scale.outside(*low);
-    if (high) estimate.upper95 = scale.outside(*high);
-
-    std::string partner;
-    double strongest = 0;
-    for (size_t i = 0; i < n; ++i) {
-      const double c = result.correlation(k, static_cast<Eigen::Index>(i));
-      if (i != j && std::abs(c) > std::abs(strongest)) {
-        strongest = c;
-        partner = result.parameters[i].spec.id;
-      }
-    }
-    const double margin = 1e-6 * range;
-    const bool at_bound = best.q[j] - lower_bound < margin || upper_bound - best.q[j] < margin;
-    estimate.explanation = explain(estimate, spread, partner, strongest, at_bound);
-  }
-  result.profiles = cost_so_far();
-  return result;
+  return Fit(protocol, measurements, free, options).run();
 }
 
 }  // namespace taut
