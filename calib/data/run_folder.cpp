@@ -22,6 +22,11 @@ namespace fs = std::filesystem;
 
 constexpr const char* list_file = ".files";
 constexpr const char* publish_file = ".publish";
+/// Stands in a folder whose run was interrupted.
+constexpr const char* unfinished_file = ".unfinished";
+/// What tells the kinds of runs apart.
+constexpr const char* fit_file = "fit.json";
+constexpr const char* simulation_file = "animation.html";
 /// Room on the disk for the list of files, so that a run that fills it can still be published.
 constexpr const char* reserve_file = ".reserve";
 
@@ -62,7 +67,7 @@ std::vector<std::string> files_below(const fs::path& folder) {
 /// What the run that stands in a folder consists of.
 std::vector<std::string> listed(const fs::path& folder) {
   if (fs::exists(folder / list_file)) return lines_of(folder / list_file);
-  const bool run = fs::exists(folder / "fit.json") || fs::exists(folder / "animation.html");
+  const bool run = fs::exists(folder / fit_file) || fs::exists(folder / simulation_file);
   return run ? before_lists : std::vector<std::string>();
 }
 
@@ -95,7 +100,7 @@ void roll_forward(const fs::path& folder) {
 
 }  // namespace
 
-RunFolder::RunFolder(std::string path) : path_(std::move(path)) {
+RunFolder::RunFolder(std::string path, Kind kind) : path_(std::move(path)) {
   std::error_code error;
   made_ = fs::create_directories(path_, error);
   if (error) cannot_use(path_, error.message());
@@ -106,6 +111,12 @@ RunFolder::RunFolder(std::string path) : path_(std::move(path)) {
     throw InputError(fmt::format(
         "{}: another taut is writing its run there; wait until it has ended, or choose another folder with --out",
         path_));
+  }
+  const char* other = kind == Kind::fit ? simulation_file : fit_file;
+  if (fs::exists(fs::path(path_) / other)) {
+    close(lock_);
+    throw InputError(fmt::format("{}: holds a {}, which a {} would replace; choose another folder with --out", path_,
+                                 kind == Kind::fit ? "simulation" : "fit", kind == Kind::fit ? "fit" : "simulation"));
   }
   try {
     roll_forward(path_);
@@ -136,11 +147,12 @@ std::string RunFolder::resume() const {
 
 bool RunFolder::finished() const {
   const fs::path folder(path_);
-  return fs::exists(folder / "fit.json") || fs::exists(folder / "animation.html");
+  const bool run = fs::exists(folder / fit_file) || fs::exists(folder / simulation_file);
+  return run && !fs::exists(folder / unfinished_file);
 }
 
-bool RunFolder::interrupted() const {
-  return fs::exists(resume());
+void RunFolder::mark_unfinished() const {
+  write_file((fs::path(next()) / unfinished_file).string(), "");
 }
 
 void RunFolder::publish(Publish what) {
@@ -173,11 +185,15 @@ void RunFolder::forget_resume() {
 void settle_run_folder(const std::string& path) {
   const fs::path folder(path);
   if (fs::exists(folder / ".next" / publish_file)) RunFolder settled(path);
-  if (!fs::exists(folder / "fit.json") && fs::exists(folder / ".resume"))
-    throw InputError(fmt::format(
-        "{}: the fit here was interrupted before it had a result; run `taut fit` on its experiment again, it goes on "
-        "where it stopped",
-        path));
+  if (fs::exists(folder / fit_file) || !fs::exists(folder / ".resume")) return;
+  const int lock = open((folder / ".lock").c_str(), O_RDONLY | O_CLOEXEC);
+  const bool at_work = lock >= 0 && flock(lock, LOCK_SH | LOCK_NB) != 0;
+  if (lock >= 0) close(lock);
+  if (at_work) throw InputError(fmt::format("{}: the fit there is still running; wait until it has ended", path));
+  throw InputError(fmt::format(
+      "{}: the fit here was interrupted before it had a result; run `taut fit` on its experiment again, it goes on "
+      "where it stopped",
+      path));
 }
 
 }  // namespace taut

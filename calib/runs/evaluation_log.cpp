@@ -86,6 +86,7 @@ void EvaluationLog::read(const std::string& fingerprint) {
   const std::string head = framed(fingerprint);
   const std::string text = fs::exists(path) ? read_file(path) : "";
   if (!text.starts_with(head)) {
+    discarded_ = !text.empty();
     std::error_code ignored;
     for (const fs::directory_entry& entry : fs::directory_iterator(folder_, ignored)) fs::remove(entry.path(), ignored);
     write_file(path, head);

@@ -35,7 +35,8 @@ class EvaluationLog {
   };
   /// A call of a section, as an earlier run made it; null: it did not come so far.
   const Entry* find(const std::string& section, size_t call) const;
-  size_t known() const { return known_; }  ///< calls of all sections that an earlier run left
+  bool discarded() const { return discarded_; }  ///< something was there under another fingerprint
+  size_t known() const { return known_; }        ///< calls of all sections that an earlier run left
 
   /// Adds a call. What a full disk does not take is made again the next time; the run goes on.
   void add(const std::string& section, size_t call, const Entry& entry);
@@ -52,6 +53,7 @@ class EvaluationLog {
   int file_ = -1;
   std::map<std::string, std::vector<Entry>> entries_;
   size_t known_ = 0, added_ = 0;
+  bool discarded_ = false;
 };
 
 /// A protocol whose calls are answered from a log as far as it goes, and added to it from there on. Calls that end

@@ -243,8 +243,9 @@ int replay_command(const CommandOptions& options) {
   if (!comparison.empty()) progress.say(comparison);
   const std::string folder = replay_folder(options);
   write_file((fs::path(folder) / "predictions.csv").string(), predictions_csv(record));
-  if (options.sensitivities)
-    write_file((fs::path(folder) / "sensitivities.csv").string(), sensitivities_csv(replay, *bench));
+  const fs::path derivatives = fs::path(folder) / "sensitivities.csv";
+  fs::remove(derivatives);  // of an earlier replay, with other parameters perhaps
+  if (options.sensitivities) write_file(derivatives.string(), sensitivities_csv(replay, *bench));
   const std::string pictures = write_states(bench->states(), folder);
   if (options.json)
     fmt::print("{}\n", replay_json(replay, *bench).dump(2));

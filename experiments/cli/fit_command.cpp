@@ -30,16 +30,6 @@ void fill_provenance(const CommandOptions& options, const Bench& bench, Provenan
   provenance.machine = machine_description();
 }
 
-/// Whether a run that is not finished may take the place of what stands in the folder: not of a finished one.
-bool may_replace(const RunFolder& folder) {
-  if (!folder.finished()) return true;
-  try {
-    return read_run(folder.path()).interrupted;
-  } catch (const InputError&) {  // not a run of this version
-    return true;
-  }
-}
-
 /// Figures and report, the last and least of a run: where they fail, all else is there.
 std::string write_all(const RunRecord& record, const std::string& folder) {
   try {
@@ -90,6 +80,8 @@ int fit_command(const CommandOptions& options) {
         fmt::format("going on with an interrupted run: {} evaluations are known and not made again (--fresh "
                     "starts anew)",
                     log.known()));
+  if (log.discarded())
+    progress.say("what an interrupted run of other inputs, or of another taut, had left is discarded");
   bool copied = false;
   RunEvents events;
   events.say = [&](const std::string& line) { progress.say(line); };
@@ -107,13 +99,18 @@ int fit_command(const CommandOptions& options) {
                "with `taut replay`\n");
     return interrupted(options) ? exit_interrupted : exit_solve;
   }
-  if (record.interrupted && !may_replace(folder)) {
+  if (record.interrupted && record.fit.covariance.size() == 0) {
+    progress.say("interrupted before the fit had a result; the same command goes on from here");
+    return exit_interrupted;
+  }
+  if (record.interrupted && folder.finished()) {
     progress.say(fmt::format(
         "interrupted; the finished run in {} stays as it is, and the same command goes on from here", folder.path()));
     return exit_interrupted;
   }
   progress.show("writing " + folder.path());
   const std::string report_failure = write_all(record, folder.next());
+  if (record.interrupted) folder.mark_unfinished();
   folder.publish();
   if (!record.interrupted) folder.forget_resume();
 

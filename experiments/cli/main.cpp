@@ -259,7 +259,9 @@ int end_output(int code) {
 
 int main(int argc, char** argv) {
   hold_standard_streams();
-  for (int signal : {SIGINT, SIGTERM, SIGHUP}) std::signal(signal, on_interrupt);
+  for (int signal : {SIGINT, SIGTERM, SIGHUP}) {
+    if (std::signal(signal, on_interrupt) == SIG_IGN) std::signal(signal, SIG_IGN);  // nohup asked for that
+  }
   std::signal(SIGPIPE, SIG_IGN);  // a reader that ends early must not end a run
   taut::use_one_blas_thread();
   return end_output(guarded({argv + 1, argv + argc}));

@@ -244,7 +244,7 @@ int simulate_command(const CommandOptions& options) {
   const Simulation simulation = read_simulation(options.target);
   Progress progress(options.quiet);
   const Robot robot = make_robot(simulation);
-  RunFolder folder(run_folder(options));
+  RunFolder folder(run_folder(options), RunFolder::Kind::simulation);
   progress.say(fmt::format("{}: {} unknowns", simulation.title, robot.scene.model->free_unknowns()));
   SimulateOptions simulate_options;
   simulate_options.stop = options.stop;
@@ -268,6 +268,7 @@ int simulate_command(const CommandOptions& options) {
     return exit_interrupted;
   }
   if (wanted.all_readings) write_file(folder.next() + "/sensitivities.csv", sensitivities_csv(robot, wanted, result));
+  if (stopped) folder.mark_unfinished();
   publish(record, folder);
   if (options.json) {
     nlohmann::ordered_json json = summary_json(record);

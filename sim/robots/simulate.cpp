@@ -193,9 +193,11 @@ void step_to_end(const Simulation& simulation, const SimulateOptions& options, T
     if (!accepted) {
       result.interrupted = report.status == SolveStatus::interrupted;
       result.failure =
-          stopped_at(stepper.t(), fmt::format("no step was accepted, down to {} ({})",
-                                              with_unit(simulation.step * TimeStepperOptions().shortest, "s"),
-                                              name_of(report.status)));
+          result.interrupted
+              ? stopped_at(stepper.t(), "interrupted")
+              : stopped_at(stepper.t(), fmt::format("no step was accepted, down to {} ({})",
+                                                    with_unit(simulation.step * TimeStepperOptions().shortest, "s"),
+                                                    name_of(report.status)));
       return;
     }
     record();

@@ -147,6 +147,23 @@ TEST_F(Run, TwoRunsIntoOneFolderAreOneTooMany) {
   EXPECT_EQ(finish(first, folder / "").code, 0);
 }
 
+TEST_F(Run, ASimulationDoesNotTakeAFitsPlace) {
+  ASSERT_EQ(fit("run", {"--no-variants"}).code, 0);
+  const std::string finger = std::string(TAUT_SOURCE_DIR) + "/experiments/finger_bend/experiment.toml";
+  const Outcome refused = taut({"simulate", finger, "--out", "run"});
+  EXPECT_EQ(refused.code, 2);
+  expect_holds(refused.err, {"run: holds a fit", "--out"});
+  EXPECT_TRUE(fs::exists(folder / "run/fit.json"));
+}
+
+TEST_F(Run, ASignalThatTheCallerIgnoresStaysIgnored) {
+  std::signal(SIGHUP, SIG_IGN);  // as nohup does
+  const pid_t child = fit_until("run", 600);
+  std::signal(SIGHUP, SIG_DFL);
+  kill(child, SIGHUP);
+  EXPECT_EQ(finish(child, folder / "").code, 0);
+}
+
 TEST_F(Run, StaleFilesOfTheRunBeforeGoAndThoseOfOthersStay) {
   ASSERT_EQ(fit("run").code, 0);
   folder.write("run/notes.txt", "mine");
