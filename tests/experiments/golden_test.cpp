@@ -99,7 +99,7 @@ TEST_P(GoldenNumbers, AreWhatTheyWere) {
   expect_same(Json::parse(text_of(root + "/tests/golden/" + golden.file + ".json")), now, golden.file, 1);
 }
 
-INSTANTIATE_TEST_SUITE_P(Experiments, GoldenNumbers,
+INSTANTIATE_TEST_SUITE_P(Slow, GoldenNumbers,
                          testing::Values(Golden{"fit", "foam_cantilever/experiment.toml", "fit_foam_cantilever"},
                                          Golden{"fit", "foam_point/experiment.toml", "fit_foam_point"},
                                          Golden{"fit", "silicone_block/experiment.toml", "fit_silicone_block"},
