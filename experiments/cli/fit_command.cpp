@@ -97,7 +97,9 @@ int fit_command(const CommandOptions& options) {
     fmt::print(stderr,
                "taut: the simulation failed at the start of the fit; change the start values, or look at the model "
                "with `taut replay`\n");
-    return interrupted(options) ? exit_interrupted : exit_solve;
+    if (interrupted(options)) return exit_interrupted;
+    folder.forget_resume();  // it would fail again in the same way
+    return exit_solve;
   }
   if (record.interrupted && record.fit.covariance.size() == 0) {
     progress.say("interrupted before the fit had a result; the same command goes on from here");
