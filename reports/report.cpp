@@ -6,6 +6,7 @@
 
 #include "reports/axes.hpp"
 #include "reports/html.hpp"
+#include "reports/run_record_members.hpp"
 #include "reports/run_sections.hpp"
 
 namespace taut {
@@ -27,6 +28,24 @@ std::string page_of(const RunRecord& record, const std::vector<Section>& section
   return html::page(record.simulated ? "SIMULATED DATA: " + record.title : record.title, body + html_of(sections));
 }
 
+/// Walks the members of a reading: a line of predictions.csv, and the heads of its columns.
+struct ReadingColumns {
+  const RunRecord& record;
+  const ReadingUnits& units;
+  std::string heads = {}, fields = {};
+
+  bool there(const char*) const { return true; }
+  void operator()(const std::string& name, const auto& value) {
+    heads += name + ",";
+    fields += plot::field(value) + ",";
+  }
+  void operator()(const std::string& name, double value, InUnitOfChannel) { (*this)(units.column(name), value); }
+  void operator()(const std::string&, const std::vector<double>& controls) {
+    for (const AxisRecord& control : record.controls) heads += control.id + "_" + column_suffix(control.unit) + ",";
+    for (const double control : controls) fields += plot::field(control) + ",";
+  }
+};
+
 }  // namespace
 
 std::string report_html(const RunRecord& record) {
@@ -42,19 +61,17 @@ std::vector<Figure> write_report(const RunRecord& record, const std::string& fol
 
 std::string predictions_csv(const RunRecord& record) {
   const ReadingUnits units(record, ReadingUnits::si);
-  std::string heads = "line,trial,channel,";
-  for (const AxisRecord& control : record.controls) heads += control.id + "_" + column_suffix(control.unit) + ",";
-  for (const char* what : {"measured", "sigma", "predicted", "prediction_se", "residual"})
-    heads += units.column(what) + ",";
-  std::string out = units.heads(heads + "normalised_residual\n");
-  for (const ReadingRecord& r : record.readings) {
-    std::string controls;
-    for (const double control : r.controls) controls += plot::field(control) + ",";
-    const double residual = r.measured - r.predicted;
-    out += plot::field(r.line) + "," + plot::field(r.trial) + "," + plot::field(r.channel) + "," + controls +
-           units.row(plot::line(r.measured, r.sigma, r.predicted, r.prediction_se, residual, residual / r.sigma),
-                     r.channel);
-  }
+  const auto columns_of = [&](ReadingRecord reading) {
+    ReadingColumns columns{record, units};
+    describe(columns, reading);
+    const double residual = reading.measured - reading.predicted;
+    columns("residual", residual, InUnitOfChannel());
+    columns("normalised_residual", residual / reading.sigma);
+    columns.heads.back() = columns.fields.back() = '\n';
+    return columns;
+  };
+  std::string out = units.heads(columns_of({}).heads);
+  for (const ReadingRecord& reading : record.readings) out += units.row(columns_of(reading).fields, reading.channel);
   return out;
 }
 

@@ -1,0 +1,247 @@
+#pragma once
+#include <array>
+#include <span>
+#include <string>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+#include "reports/axes.hpp"
+
+/// What the records of a run consist of, said once for all that walk them: fit.json in both directions (JsonArchive,
+/// run_record.cpp), the columns of predictions.csv (report.cpp). A member more is a line more here: its key, and
+/// itself. The order is that of the file. Used inside reports/ only.
+///
+/// `a(key, member)` walks a member, `a[key]` is what stands under a key, `a.there(key)` is false for a key that an
+/// older file lacks or that has nothing to say, `need(condition, text)` says what was needed in a file that holds
+/// something else.
+namespace taut {
+
+/// Said of a number that has the unit of its reading's channel.
+struct InUnitOfChannel {};
+
+void describe(auto&& a, ReadingRecord& reading) {
+  a("line", reading.line);
+  a("trial", reading.trial);
+  a("channel", reading.channel);
+  a("controls", reading.controls);
+  a("measured", reading.measured, InUnitOfChannel());
+  a("sigma", reading.sigma, InUnitOfChannel());
+  a("predicted", reading.predicted, InUnitOfChannel());
+  a("prediction_se", reading.prediction_se, InUnitOfChannel());
+}
+
+void describe(auto&& a, AxisRecord& axis) {
+  a("id", axis.id);
+  const bool whole = a.there("quantity");  // older files have units only
+  if (whole) a("quantity", axis.quantity);
+  a("unit", axis.unit);
+  if (whole) return a("label", axis.label);
+  try {
+    axis.quantity = name_of(quantity_of_si_unit(axis.unit));
+  } catch (const std::logic_error&) {
+    a["unit"].need(false, "an SI unit");
+  }
+  axis.label = is(axis, Quantity::pure) ? "engineering strain" : axis.id;
+}
+
+void describe(auto&& a, ParameterEstimate& estimate) {
+  a("id", estimate.spec.id);
+  a("symbol", estimate.spec.symbol);
+  a("meaning", estimate.spec.meaning);
+  a("value", estimate.value);
+  a("unit", estimate.spec.unit);
+  a("standard_error", estimate.standard_error);
+  a("interval95", std::tie(estimate.lower95, estimate.upper95));
+  a("profile", estimate.profile);
+  a("verdict", estimate.verdict);
+  a("explanation", estimate.explanation);
+  a("start", estimate.start);
+  a["bounds"].walk_bounds(estimate.lower, estimate.upper);
+  a["physical_bounds"].walk_bounds(estimate.spec.lower, estimate.spec.upper);
+}
+
+void describe(auto&& a, LackOfFit& lack) {
+  a("available", lack.available);
+  a("lack_of_fit", lack.lack_of_fit);
+  a("pure_error", lack.pure_error);
+  a("lack_of_fit_dof", lack.lack_of_fit_dof);
+  a("pure_error_dof", lack.pure_error_dof);
+  a("F", lack.F);
+  a("p_value", lack.p_value);
+}
+
+void describe(auto&& a, VariantRecord& variant) {
+  a("name", variant.name);
+  a("mesh", variant.mesh);
+  a("unknowns", variant.unknowns);
+  a("status", variant.status);
+  a("values", variant.values);
+  a("standard_errors", variant.standard_errors);
+  a("chi_squared", variant.chi_squared);
+  a("seconds", variant.seconds);
+}
+
+void describe(auto&& a, DiagnosticRecord& diagnostic) {
+  a("parameter", diagnostic.parameter);
+  a("part", diagnostic.part);
+  a("value", diagnostic.value);
+  a("standard_error", diagnostic.standard_error);
+  a("chi_squared", diagnostic.chi_squared);
+  a("readings", diagnostic.readings);
+}
+
+void describe(auto&& a, SwingRecord& swing) {
+  a("recording", swing.recording);
+  a("channel", swing.channel);
+  a("frequency_Hz", swing.frequency);
+  a("decay_per_s", swing.decay);
+  a("predicted_frequency_Hz", swing.predicted_frequency);
+  a("predicted_decay_per_s", swing.predicted_decay);
+}
+
+void describe(auto&& a, DiscretisationShare& share) {
+  a("source", share.source);
+  a("bias", share.bias);
+  a("error", share.error);
+  a("how", share.how);
+  a("seconds", share.seconds);
+}
+
+void describe(auto&& a, ReferenceRecord& reference) {
+  a("parameter", reference.parameter);
+  a("value", reference.value);
+  a("source", reference.source);
+}
+
+void describe(auto&& a, ShapeRecord::Area& area) {
+  a("region", area.region);
+  a("loops", area.loops);
+}
+
+void describe(auto&& a, ShapeRecord& shape) {
+  a("label", shape.label);
+  a("segments", shape.segments);
+  if (a.there("row", !shape.row.empty() || !shape.column.empty())) {
+    a("row", shape.row);
+    a("column", shape.column);
+  }
+  if (a.there("areas", !shape.areas.empty())) a("areas", shape.areas);
+  if (a.there("cables", !shape.cables.empty())) a("cables", shape.cables);
+}
+
+void describe(auto&& a, InputRecord& input) {
+  a("path", input.path);
+  if (a.there("copy")) a("copy", input.copy);
+  a("sha256", input.sha256);
+}
+
+void describe(auto&& a, Provenance& provenance) {
+  a("version", provenance.version);
+  a("commit", provenance.commit);
+  a("command_line", provenance.command_line);
+  a["libraries"].walk_list(provenance.libraries, [](auto&& library, auto& pair) {
+    library("name", pair.first);
+    library("version", pair.second);
+  });
+  a("inputs", provenance.inputs);
+  a("started", provenance.started);
+  a("machine", provenance.machine);
+  a("seed", provenance.seed);
+}
+
+/// Under the key "fit": what is not said of the parameters one by one.
+void describe_fit(auto&& a, RunRecord& record) {
+  FitResult& fit = record.fit;
+  a("chi_squared", fit.chi_squared);
+  a("dof", fit.dof);
+  a("chi_squared_p", fit.chi_squared_p);
+  a("lack_of_fit", fit.lack_of_fit);
+  a("evaluations", fit.evaluations);
+  a("failed_evaluations", fit.failed_evaluations);
+  a("iterations", fit.iterations);
+  a("covariance", fit.covariance);
+  a["covariance_scale"].walk_list(std::span(fit.parameters), [](auto&& scale, ParameterEstimate& estimate) {
+    scale.walk_either(estimate.spec.logarithmic, "logarithm", "linear");
+  });
+  a("correlation", fit.correlation);
+  a("singular_values", fit.singular_values);
+  a("weakest_combination", fit.weakest);
+  a("failures", fit.failures);
+  a["all_parameters"].walk_map(record.parameter_ids, fit.p);
+}
+
+/// Loads and series stand among the readings: either all of them have one or none.
+void describe_readings(auto&& a, RunRecord& record) {
+  a.walk_list(record.readings, [&](auto&& entry, ReadingRecord& reading) {
+    const auto i = static_cast<size_t>(&reading - record.readings.data());
+    const auto beside = [&](const char* key, auto& values) {
+      if (i == 0 && entry.there(key, !values.empty())) values.resize(record.readings.size());
+      if (!values.empty()) entry(key, values[i]);
+    };
+    describe(entry, reading);
+    beside("load_N", record.load_newtons);
+    beside("series", record.series);
+  });
+}
+
+void describe_curves(auto&& a, RunRecord& record) {
+  a.walk_list(record.curves, [&](auto&& entry, CurveRecord& curve) {
+    entry("channel", curve.channel);
+    entry("series", curve.series);
+    entry(over_strain(record) ? "strain" : over_time(record) ? "time_s" : "load_N", curve.load);
+    entry("value", curve.value);
+    entry("se", curve.se);
+    entry("increment_se", curve.increment_se);
+  });
+}
+
+void describe_timing(auto&& a, RunRecord& record) {
+  a("wall_seconds", record.provenance.wall_seconds);
+  a("replay_seconds", record.replay_seconds);
+  a("replay_factorisations", record.replay_factorisations);
+  a("fit_seconds", record.fit.search.seconds);
+  a("fit_factorisations", record.fit.search.factorisations);
+  a("profile_seconds", record.fit.profiles.seconds);
+  a("profile_factorisations", record.fit.profiles.factorisations);
+}
+
+void describe(auto&& a, RunRecord& record) {
+  bool measured = !record.simulated;
+  a("title", record.title);
+  a["data"].walk_either(measured, "measured", "simulated");
+  record.simulated = !measured;
+  std::string kind = over_strain(record) ? "material point" : over_time(record) ? "recordings" : "specimen";
+  if (!a.reading()) a("kind", kind);  // for others: it follows from the controls
+  a("status", record.fit.status);
+  a("message", record.fit.message);
+  a("parameters", record.fit.parameters);
+  if (a.there("shares")) a("shares", record.shares);
+  describe_fit(a["fit"], record);
+  if (a.there("interrupted")) a("interrupted", record.interrupted);
+  a("controls", record.controls);
+  if (a.there("channels")) a("channels", record.channels);
+  a["load"]("label", record.load_label);
+  a["load"]("control", record.load_control);
+  a["load"]["control"].need(record.load_control < static_cast<int>(record.controls.size()),
+                            "the index of a control, or -1");
+  describe_readings(a["readings"], record);
+  describe_curves(a["curves"], record);
+  a("shape_axes", std::tie(record.shape_axes[0], record.shape_axes[1]));
+  a("shapes", record.shapes);
+  if (a.there("trend_degree")) a("trend_degree", record.trend_degree);
+  a("main", record.main);
+  a("variants", record.variants);
+  a("diagnostics", record.diagnostics);
+  if (a.there("swings")) a("swings", record.swings);
+  a("references", record.references);
+  a["setup"].walk_list(record.setup, [](auto&& line, auto& pair) {
+    line("name", pair.first);
+    line("value", pair.second);
+  });
+  a("remarks", record.remarks);
+  describe_timing(a["timing"], record);
+  a("provenance", record.provenance);
+}
+
+}  // namespace taut
