@@ -109,35 +109,25 @@ void StaticProtocol::forget() {
 /// What solve_condition() starts from: the last equilibria with their sensitivities, and the contacts that the Hessians
 /// have room for, path by path in the order of their first conditions.
 std::string StaticProtocol::state() const {
-  ByteWriter out;
-  for (const Condition& condition : conditions_) {
-    out.put(condition.solved);
-    out.put(condition.p);
-    out.put(condition.u);
-    out.put(condition.sensitivities);
-    out.put(condition.sensitivity_of);
-  }
+  Bytes out;
+  for (const Condition& c : conditions_) out(c.solved, c.p, c.u, c.sensitivities, c.sensitivity_of);
   std::map<int, const Path*> paths;
   for (const Path& path : paths_) paths[path.conditions.front()] = &path;
   for (const auto& [first, path] : paths)
-    out.put(path->equilibrium ? path->equilibrium->couplings() : std::vector<std::array<int, 2>>());
+    out(path->equilibrium ? path->equilibrium->couplings() : std::vector<std::array<int, 2>>());
   return out.bytes();
 }
 
 void StaticProtocol::restore(const std::string& state) {
-  ByteReader in(state);
-  for (Condition& condition : conditions_) {
-    condition.solved = in.get<bool>();
-    condition.p = in.vector();
-    condition.u = in.vector();
-    condition.sensitivities = in.matrix();
-    condition.sensitivity_of = in.list<int>();
-  }
+  Bytes in(state);
+  for (Condition& c : conditions_) in(c.solved, c.p, c.u, c.sensitivities, c.sensitivity_of);
   std::map<int, Path*> paths;
   for (Path& path : paths_) paths[path.conditions.front()] = &path;
   for (const auto& [first, path] : paths) {
+    std::vector<std::array<int, 2>> couplings;
+    in(couplings);
     path->equilibrium = std::make_unique<Equilibrium>(*scene_.model, options_.equilibrium);
-    path->equilibrium->expect(in.list<std::array<int, 2>>());
+    path->equilibrium->expect(couplings);
   }
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 #include <Eigen/Core>
+#include <concepts>
 #include <cstring>
 #include <stdexcept>
 #include <string>
@@ -9,71 +10,65 @@
 
 namespace taut {
 
-/// Values as bytes, one after the other, for files that the same program reads again on the same machine.
-class ByteWriter {
+/// Values as bytes, one after the other, for files that the same program reads again on the same machine. The same call
+/// puts values and takes them, so that what a file holds is said once.
+class Bytes {
  public:
-  template <class T>
-  requires std::is_trivially_copyable_v<T>
-  void put(const T& value) { bytes_.append(reinterpret_cast<const char*>(&value), sizeof value); }
-  void put(std::string_view text) { put_all(text.data(), text.size()); }
-  template <class T>
-  void put(const std::vector<T>& values) {
-    put_all(values.data(), values.size());
+  /// To put values.
+  Bytes() = default;
+  /// To take them from `left`, which has to outlive this. Throws std::runtime_error where the bytes end too early.
+  explicit Bytes(std::string_view left) : taking_(true), left_(left) {}
+
+  /// Numbers, texts, vectors, matrices and lists of them; only those that are put may be const.
+  template <class... Values>
+  Bytes& operator()(Values&&... values) {
+    (walk(values), ...);
+    return *this;
   }
-  void put(const Eigen::MatrixXd& matrix) {
-    put(matrix.rows());
-    put_all(matrix.data(), static_cast<size_t>(matrix.size()));
-  }
-  void put(const Eigen::VectorXd& vector) { put_all(vector.data(), static_cast<size_t>(vector.size())); }
   const std::string& bytes() const { return bytes_; }
-
- private:
-  template <class T>
-  void put_all(const T* first, size_t count) {
-    put(count);
-    bytes_.append(reinterpret_cast<const char*>(first), count * sizeof(T));
-  }
-  std::string bytes_;
-};
-
-/// The reverse. Throws std::runtime_error where the bytes end too early.
-class ByteReader {
- public:
-  explicit ByteReader(std::string_view bytes) : left_(bytes) {}
-  template <class T>
-  T get() {
-    T value;
-    std::memcpy(&value, take(sizeof value).data(), sizeof value);
-    return value;
-  }
-  std::string text() { return std::string(take(get<size_t>())); }
-  template <class T>
-  std::vector<T> list() {
-    const size_t count = get<size_t>();
-    std::vector<T> values(count <= left_.size() / sizeof(T) ? count : 0);
-    const std::string_view bytes = take(count * sizeof(T));
-    if (count > 0) std::memcpy(values.data(), bytes.data(), bytes.size());
-    return values;
-  }
-  Eigen::MatrixXd matrix() {
-    const auto rows = get<Eigen::Index>();
-    const std::vector<double> values = list<double>();
-    return Eigen::Map<const Eigen::MatrixXd>(values.data(), rows,
-                                             rows > 0 ? static_cast<Eigen::Index>(values.size()) / rows : 0);
-  }
-  Eigen::VectorXd vector() {
-    const std::vector<double> values = list<double>();
-    return Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
-  }
   bool at_end() const { return left_.empty(); }
 
  private:
-  std::string_view take(size_t count) {
-    if (count > left_.size()) throw std::runtime_error("the bytes end too early");
-    const std::string_view taken = left_.substr(0, count);
-    left_.remove_prefix(count);
-    return taken;
+  template <class T>
+  void walk(T& value) {
+    using Value = std::remove_const_t<T>;
+    if constexpr (std::is_trivially_copyable_v<Value>) {
+      walk_all(&value, 1);
+    } else if constexpr (std::same_as<Value, Eigen::MatrixXd>) {
+      Eigen::Index rows = value.rows(), size = value.size();
+      (*this)(rows, size);
+      need(static_cast<size_t>(size));
+      if constexpr (!std::is_const_v<T>) value.resize(rows, rows > 0 ? size / rows : 0);
+      walk_all(value.data(), static_cast<size_t>(size));
+    } else {
+      auto size = static_cast<size_t>(value.size());
+      walk(size);
+      need(size);
+      if constexpr (!std::is_const_v<T>) value.resize(size);
+      if constexpr (std::is_trivially_copyable_v<std::remove_cvref_t<decltype(*value.data())>>) {
+        walk_all(value.data(), size);
+      } else {
+        for (auto& element : value) walk(element);
+      }
+    }
   }
+  template <class T>
+  void walk_all(T* first, size_t count) {
+    const size_t size = count * sizeof(T);
+    if (!taking_) {
+      bytes_.append(reinterpret_cast<const char*>(first), size);
+    } else if constexpr (!std::is_const_v<T>) {
+      need(size);
+      if (size > 0) std::memcpy(first, left_.data(), size);
+      left_.remove_prefix(size);
+    }
+  }
+  void need(size_t size) const {
+    if (taking_ && size > left_.size()) throw std::runtime_error("the bytes end too early");
+  }
+
+  bool taking_ = false;
+  std::string bytes_;
   std::string_view left_;
 };
 

@@ -30,35 +30,24 @@ uint64_t checksum(std::string_view bytes) {
 
 /// A length, the bytes, their checksum.
 std::string framed(const std::string& bytes) {
-  ByteWriter out;
-  out.put(std::string_view(bytes));
-  out.put(checksum(bytes));
-  return out.bytes();
+  return Bytes()(bytes, checksum(bytes)).bytes();
 }
 
 /// The next framed bytes; nullopt where they are torn.
-std::optional<std::string> unframed(ByteReader& in) {
+std::optional<std::string> unframed(Bytes& in) {
+  std::string bytes;
+  uint64_t sum = 0;
   try {
-    std::string bytes = in.text();
-    if (in.get<uint64_t>() == checksum(bytes)) return bytes;
+    in(bytes, sum);
   } catch (const std::runtime_error&) {  // the file ends within it
   }
-  return std::nullopt;
+  return sum == checksum(bytes) ? std::optional(bytes) : std::nullopt;
 }
 
-std::string bytes_of(const std::string& section, size_t call, const EvaluationLog::Entry& entry) {
-  ByteWriter out;
-  out.put(std::string_view(section));
-  out.put(call);
-  out.put(entry.p);
-  out.put(entry.free);
-  out.put(entry.prediction.values);
-  out.put(entry.prediction.derivatives);
-  out.put(entry.prediction.failures.size());
-  for (const std::string& failure : entry.prediction.failures) out.put(std::string_view(failure));
-  out.put(entry.factorisations);
-  out.put(entry.fresh);
-  return out.bytes();
+/// A call as it stands in the file: puts it, or takes it.
+Bytes& walk(Bytes&& bytes, auto& section, auto& call, auto& entry) {
+  auto& [values, derivatives, failures] = entry.prediction;
+  return bytes(section, call, entry.p, entry.free, values, derivatives, failures, entry.factorisations, entry.fresh);
 }
 
 }  // namespace
@@ -92,24 +81,16 @@ void EvaluationLog::read(const std::string& fingerprint) {
     write_file(path, head);
     return;
   }
-  ByteReader in(std::string_view(text).substr(head.size()));
+  Bytes in(std::string_view(text).substr(head.size()));
   size_t whole = head.size();
   while (!in.at_end()) {
     const std::optional<std::string> bytes = unframed(in);
     if (!bytes) break;
     whole += framed(*bytes).size();
-    ByteReader record(*bytes);
-    const std::string section = record.text();
-    const size_t call = record.get<size_t>();
+    std::string section;
+    size_t call = 0;
     Entry entry;
-    entry.p = record.vector();
-    entry.free = record.list<int>();
-    entry.prediction.values = record.vector();
-    entry.prediction.derivatives = record.matrix();
-    entry.prediction.failures.resize(record.get<size_t>());
-    for (std::string& failure : entry.prediction.failures) failure = record.text();
-    entry.factorisations = record.get<int>();
-    entry.fresh = record.get<bool>();
+    walk(Bytes(*bytes), section, call, entry);
     std::vector<Entry>& calls = entries_[section];
     if (call > calls.size()) continue;
     calls.resize(call);
@@ -129,7 +110,7 @@ std::string EvaluationLog::state_file(const std::string& section) const {
 }
 
 void EvaluationLog::add(const std::string& section, size_t call, const Entry& entry) {
-  const std::string record = framed(bytes_of(section, call, entry));
+  const std::string record = framed(walk(Bytes(), section, call, entry).bytes());
   ++added_;
   const off_t before = lseek(file_, 0, SEEK_END);
   // Half a record would hide those after it.
@@ -139,11 +120,8 @@ void EvaluationLog::add(const std::string& section, size_t call, const Entry& en
 }
 
 void EvaluationLog::keep_state(const std::string& section, size_t calls, const std::string& state) {
-  ByteWriter out;
-  out.put(calls);
-  out.put(std::string_view(state));
   try {
-    write_file(state_file(section), framed(out.bytes()));
+    write_file(state_file(section), framed(Bytes()(calls, state).bytes()));
   } catch (const InputError&) {  // a full disk: the calls since the last state are made again then
   }
 }
@@ -152,12 +130,13 @@ std::optional<std::pair<size_t, std::string>> EvaluationLog::state(const std::st
   const std::string path = state_file(section);
   if (!fs::exists(path)) return std::nullopt;
   const std::string text = read_file(path);
-  ByteReader in(text);
+  Bytes in(text);
   const std::optional<std::string> bytes = unframed(in);
   if (!bytes) return std::nullopt;
-  ByteReader record(*bytes);
-  const size_t calls = record.get<size_t>();
-  return std::pair(calls, record.text());
+  std::pair<size_t, std::string> kept;
+  Bytes record(*bytes);
+  record(kept.first, kept.second);
+  return kept;
 }
 
 LoggedProtocol::LoggedProtocol(Protocol& protocol, EvaluationLog& log, std::string section,
