@@ -13,22 +13,21 @@
 namespace taut {
 namespace {
 
+const ParameterEstimate* estimate_of(const FitResult& result, const std::string& id) {
+  const auto found = std::ranges::find(result.parameters, id, [](const ParameterEstimate& e) { return e.spec.id; });
+  return found == result.parameters.end() ? nullptr : &*found;
+}
+
 /// A fit as a row of the table of variants, its values in the order of the main fit's parameters.
 VariantRecord as_variant(const std::string& name, const Bench& bench, const FitResult& result, const FitResult& main,
                          double seconds) {
-  VariantRecord record;
-  record.name = name;
-  record.mesh = bench.model_text();
-  record.unknowns = bench.unknowns();
-  record.status = name_of(result.status);
-  record.chi_squared = result.chi_squared;
-  record.seconds = seconds;
+  const std::string status(name_of(result.status));
+  VariantRecord record{name, bench.model_text(), bench.unknowns(), status, {}, {}, result.chi_squared, seconds};
   if (result.status != FitStatus::converged) return record;
   for (const ParameterEstimate& wanted : main.parameters) {
-    const auto found = std::find_if(result.parameters.begin(), result.parameters.end(),
-                                    [&](const ParameterEstimate& e) { return e.spec.id == wanted.spec.id; });
-    record.values.push_back(found != result.parameters.end() ? found->value : not_a_number);
-    record.standard_errors.push_back(found != result.parameters.end() ? found->standard_error : not_a_number);
+    const ParameterEstimate* found = estimate_of(result, wanted.spec.id);
+    record.values.push_back(found != nullptr ? found->value : not_a_number);
+    record.standard_errors.push_back(found != nullptr ? found->standard_error : not_a_number);
   }
   return record;
 }
@@ -42,7 +41,7 @@ class Run {
   RunRecord go() {
     const Stopwatch watch;
     if (!bench_.choice().empty()) {
-      say(bench_.choice());
+      events_.say(bench_.choice());
       record_.remarks.push_back(bench_.choice());
     }
     free_ = bench_.free();
@@ -51,7 +50,7 @@ class Run {
     for (const std::string& failure : record_.fit.failures)
       record_.remarks.push_back("survived in the fit: " + failure);
     record_.interrupted = stopped();
-    if (events_.keep) events_.keep(record_);
+    events_.keep(record_);
     if (!stopped()) after_the_fit();
     if (stopped()) {
       record_.interrupted = true;
@@ -65,44 +64,35 @@ class Run {
 
  private:
   bool stopped() const { return options_.stop != nullptr && options_.stop->load(); }
-  void say(const std::string& line) const {
-    if (events_.say) events_.say(line);
-  }
-  void show(const std::string& line) const {
-    if (events_.show) events_.show(line);
-  }
 
-  FitOptions fit_options(const ParameterTable& table, const std::vector<FreeParameter>& free,
-                         const std::string& what) const {
-    FitOptions how;
+  /// A fit that is answered from the log as far as that goes, shown as `what`; "": not at all.
+  FitResult fit_logged(const Bench& bench, const std::vector<FreeParameter>& free, const std::string& section,
+                       const std::string& what, FitOptions how) {
+    LoggedProtocol protocol(bench.protocol(), log_, section, options_.stop);
     how.stop = options_.stop;
-    how.progress = [this, &table, &free, what](const FitProgress& state) {
+    const auto progress = [&](const FitProgress& state) {
       std::string text =
           fmt::format("{}: evaluation {}, chi squared {:.5g}", what, state.evaluation, state.chi_squared);
       for (size_t j = 0; j < free.size(); ++j) {
-        const ParameterSpec& spec = table[free[j].index];
+        const ParameterSpec& spec = protocol.parameters()[free[j].index];
         text += fmt::format(", {} = {}", spec.id, with_unit(state.values[j], spec.unit));
       }
-      show(text);
+      events_.show(text);
     };
-    return how;
-  }
-
-  FitResult fit_from(const std::vector<FreeParameter>& start, const std::string& section) {
-    LoggedProtocol protocol(bench_.protocol(), log_, section, options_.stop);
-    FitOptions how = fit_options(protocol.parameters(), start, "fit");
-    how.all_profiles = bench_.experiment().all_profiles;
-    return fit(protocol, bench_.measurements(), start, how);
+    if (!what.empty()) how.progress = progress;
+    return fit(protocol, bench.measurements(), free, how);
   }
 
   void fit_all() {
     const Stopwatch watch;
     const std::vector<FreeParameter> start = bench_.better_starts(free_);
     const double start_seconds = watch.seconds();
+    FitOptions how;
+    how.all_profiles = bench_.experiment().all_profiles;
     FitResult& fit = record_.fit;
-    fit = fit_from(start, "fit");
+    fit = fit_logged(bench_, start, "fit", "fit", how);
     if (fit.status == FitStatus::start_failed && start.front().start != free_.front().start)
-      fit = fit_from(free_, "fit from the file's values");
+      fit = fit_logged(bench_, free_, "fit from the file's values", "fit", how);
     fit.search.seconds += start_seconds;
     for (size_t j = 0; j < fit.parameters.size(); ++j) fit.parameters[j].start = free_[j].start;
     const Experiment& experiment = bench_.experiment();
@@ -115,24 +105,26 @@ class Run {
   template <class Action>
   void stage(const std::string& name, Action&& action) {
     if (stopped()) return;
-    show(name);
+    events_.show(name);
     try {
-      if (events_.begins) events_.begins(name);
+      events_.begins(name);
       action();
     } catch (const std::exception& error) {
       record_.remarks.push_back(fmt::format("{} failed and is left out: {}", name, error.what()));
       ++record_.failed_stages;
     }
     try {
-      if (events_.keep && !stopped()) events_.keep(record_);
+      if (!stopped()) events_.keep(record_);
     } catch (const std::exception& error) {
       record_.remarks.push_back(fmt::format("{} could not be written at once: {}", name, error.what()));
     }
   }
 
-  /// Asks a protocol once, or the log.
-  Prediction ask(const std::string& section, Protocol& protocol, const Params& p, const std::vector<int>& free) {
-    return LoggedProtocol(protocol, log_, section, options_.stop).predict(p, free);
+  /// Asks protocols by way of the log, each time in a section of its own: "curves 1".
+  Ask asking(const std::string& sections) {
+    return [this, sections, asked = 0](Protocol& protocol, const Params& p, const std::vector<int>& free) mutable {
+      return LoggedProtocol(protocol, log_, fmt::format("{} {}", sections, ++asked), options_.stop).predict(p, free);
+    };
   }
 
   void after_the_fit() {
@@ -164,14 +156,9 @@ class Run {
   }
 
   void add_curves(const Bench& bench, const FitResult& fit, const std::vector<FreeParameter>& free,
-                  const std::string& section) {
-    int asked = 0;
-    const Ask ask_logged = [&](Protocol& protocol, const Params& p, const std::vector<int>& wanted) {
-      return ask(fmt::format("{} {}", section, ++asked), protocol, p, wanted);
-    };
-    std::vector<CurveRecord> curves = bench.curves(fit.p, free, fit.covariance, ask_logged);
-    if (stopped()) return;
-    std::move(curves.begin(), curves.end(), std::back_inserter(record_.curves));
+                  const std::string& sections) {
+    const std::vector<CurveRecord> curves = bench.curves(fit.p, free, fit.covariance, asking(sections));
+    if (!stopped()) record_.curves.insert(record_.curves.end(), curves.begin(), curves.end());
   }
 
   void draw() {
@@ -182,7 +169,7 @@ class Run {
       for (size_t i = 0; i < 2; ++i) record_.shape_axes[i] = "xyz"[plane[i]];
     }
     for (const std::string& warning : bench_.warnings_after()) record_.remarks.push_back(warning);
-    if (events_.states) events_.states(states);
+    events_.states(states);
   }
 
   bool shares_wanted() const {
@@ -192,12 +179,8 @@ class Run {
   }
 
   void find_shares() {
-    const Ask ask_logged = [&](Protocol& protocol, const Params& p, const std::vector<int>& free) {
-      return ask(fmt::format("share {}", ++shares_asked_), protocol, p, free);
-    };
-    std::vector<DiscretisationShare> shares = discretisation_shares(
-        bench_.experiment(), *bench_.trials_at_rest(), record_.fit, [&](const std::string& what) { show(what); },
-        ask_logged);
+    std::vector<DiscretisationShare> shares = discretisation_shares(bench_.experiment(), *bench_.trials_at_rest(),
+                                                                    record_.fit, events_.show, asking("share"));
     if (!stopped()) record_.shares = std::move(shares);
   }
 
@@ -216,24 +199,19 @@ class Run {
 
   void diagnose_part(const std::string& id, size_t control, double held, const std::string& what) {
     const std::unique_ptr<Bench> part = bench_.part(control, held);
-    LoggedProtocol protocol(part->protocol(), log_, "part " + what, options_.stop);
+    const ParameterEstimate& whole = *estimate_of(record_.fit, id);
+    const FreeParameter free{part->protocol().parameters().index(id), whole.value, whole.lower, whole.upper};
     FitOptions how;
     how.held = record_.fit.p;
     how.profiles = false;
-    how.stop = options_.stop;
-    const std::vector<ParameterEstimate>& all = record_.fit.parameters;
-    const auto whole = std::find_if(all.begin(), all.end(), [&](const auto& e) { return e.spec.id == id; });
-    const FreeParameter free{protocol.parameters().index(id), whole->value, whole->lower, whole->upper};
-    const FitResult result = fit(protocol, part->measurements(), {free}, how);
+    const FitResult result = fit_logged(*part, {free}, "part " + what, "", how);
     if (stopped()) return;
-    const bool good = result.status == FitStatus::converged;
-    DiagnosticRecord& diagnostic = record_.diagnostics.emplace_back();
-    diagnostic.parameter = id;
-    diagnostic.part = what;
-    diagnostic.readings = static_cast<int>(part->readings().size());
-    diagnostic.value = good ? result.parameters.front().value : not_a_number;
-    diagnostic.standard_error = good ? result.parameters.front().standard_error : not_a_number;
+    DiagnosticRecord& diagnostic = record_.diagnostics.emplace_back(id, what, not_a_number, not_a_number);
     diagnostic.chi_squared = result.chi_squared;
+    diagnostic.readings = static_cast<int>(part->readings().size());
+    if (result.status != FitStatus::converged) return;
+    diagnostic.value = result.parameters.front().value;
+    diagnostic.standard_error = result.parameters.front().standard_error;
   }
 
   /// The same fit with what the variant changes.
@@ -243,20 +221,17 @@ class Run {
       try {
         const std::unique_ptr<Bench> bench = bench_.with(settings);
         const std::vector<FreeParameter> free = bench->starts_after(record_.fit);
-        LoggedProtocol protocol(bench->protocol(), log_, "variant " + settings.name, options_.stop);
-        FitOptions how = fit_options(protocol.parameters(), free, "variant " + settings.name);
+        FitOptions how;
         how.profiles = false;
-        const FitResult result = fit(protocol, bench->measurements(), free, how);
+        const std::string name = "variant " + settings.name;
+        const FitResult result = fit_logged(*bench, free, name, name, how);
         if (stopped()) return;
         record_.variants.push_back(as_variant(settings.name, *bench, result, record_.fit, watch.seconds()));
         if (bench->draws_variants() && result.status == FitStatus::converged)
           add_curves(*bench, result, free, "curves of " + settings.name);
       } catch (const InputError& error) {  // a mesh that cannot be made, say: that variant's status
-        VariantRecord& failed = record_.variants.emplace_back();
-        failed.name = settings.name;
-        failed.mesh = settings.law.empty() ? settings.mesh.describe() : settings.law;
-        failed.status = error.what();
-        failed.seconds = watch.seconds();
+        const std::string model = settings.law.empty() ? settings.mesh.describe() : settings.law;
+        record_.variants.push_back({settings.name, model, 0, error.what(), {}, {}, 0, watch.seconds()});
       }
     });
   }
@@ -267,7 +242,6 @@ class Run {
   const RunOptions& options_;
   const RunEvents& events_;
   std::vector<FreeParameter> free_;
-  int shares_asked_ = 0;
 };
 
 }  // namespace
@@ -286,14 +260,14 @@ RunRecord start_record(const Bench& bench) {
   record.parameter_ids = table.ids();
   record.trend_degree = experiment.trend_degree;
   for (const BenchReading& from : bench.readings()) {
-    ReadingRecord& reading = record.readings.emplace_back();
-    reading.line = from.line;
-    reading.trial = from.trial;
-    reading.channel = bench.channels()[static_cast<size_t>(from.channel)].id;
-    reading.controls = from.controls;
-    reading.measured = from.value;
-    reading.sigma = from.sigma;
-    reading.predicted = reading.prediction_se = not_a_number;
+    record.readings.push_back({.line = from.line,
+                               .trial = from.trial,
+                               .channel = bench.channels()[static_cast<size_t>(from.channel)].id,
+                               .controls = from.controls,
+                               .measured = from.value,
+                               .sigma = from.sigma,
+                               .predicted = not_a_number,
+                               .prediction_se = not_a_number});
     if (bench.trials_at_rest() != nullptr) record.load_newtons.push_back(from.load_newtons);
     if (!experiment.material_point) record.series.push_back(from.series);
   }

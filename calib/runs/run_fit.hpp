@@ -14,13 +14,17 @@ struct RunOptions {
   const std::atomic<bool>* stop = nullptr;  ///< end soon, with what is finished
 };
 
-/// What a run tells while it goes. All may be empty.
+/// What a run tells while it goes; nobody listens where nothing is set.
 struct RunEvents {
-  std::function<void(const std::string&)> say;   ///< a line that stays
-  std::function<void(const std::string&)> show;  ///< a line that the next one replaces
-  std::function<void(std::string_view stage)> begins;
-  std::function<void(const RunRecord&)> keep;       ///< the fit is finished, or a stage after it: write it down
-  std::function<void(const SolvedStates&)> states;  ///< of the replay, for drawings in full
+  template <class What>
+  using Event = std::function<void(What)>;
+  static constexpr auto unheard = [](const auto&) {};
+
+  Event<const std::string&> say = unheard;      ///< a line that stays
+  Event<const std::string&> show = unheard;     ///< a line that the next one replaces
+  Event<std::string_view> begins = unheard;     ///< a stage
+  Event<const RunRecord&> keep = unheard;       ///< the fit is finished, or a stage after it: write it down
+  Event<const SolvedStates&> states = unheard;  ///< of the replay, for drawings in full
 };
 
 /// The record of a bench before anything is computed: title, set-up, readings with predictions NaN, references. Throws

@@ -25,12 +25,8 @@ std::map<std::array<int, 2>, int> visible_lines(const Mesh& mesh, const std::arr
     }
     for (int c = 0; c < (d == 2 ? 1 : 3); ++c) {
       const int from = node[c], to = node[(c + 1) % d], mid = facets.nodes_per_entity > d ? node[d + c] : -1;
-      if (mid < 0) {
-        add(from, to);
-      } else {
-        add(from, mid);
-        add(mid, to);
-      }
+      if (mid >= 0) add(mid, to);
+      add(from, mid >= 0 ? mid : to);
     }
   }
   return uses;
@@ -59,10 +55,7 @@ class Drawing {
   }
 
   ShapeRecord draw(const SolvedState& state) const {
-    ShapeRecord shape;
-    shape.label = state.label;
-    shape.row = state.row;
-    shape.column = state.column;
+    ShapeRecord shape{.label = state.label, .segments = {}, .row = state.row, .column = state.column};
     const int d = mesh_.dimension();
     const Eigen::VectorXd x = mesh_.X + state.u;
     for (const auto& [line, count] : lines_) {
@@ -77,8 +70,7 @@ class Drawing {
  private:
   void add_areas_and_cables(const Eigen::VectorXd& x, ShapeRecord& shape) const {
     for (size_t r = 0; r < outlines_.size(); ++r) {
-      ShapeRecord::Area& area = shape.areas.emplace_back();
-      area.region = mesh_.region_names[r];
+      ShapeRecord::Area& area = shape.areas.emplace_back(mesh_.region_names[r]);
       for (const std::vector<int>& loop : outlines_[r]) {
         ShapeRecord::Line& line = area.loops.emplace_back();
         for (int node : loop) line.push_back({rounded(x[2 * node]), rounded(x[2 * node + 1])});
@@ -106,21 +98,15 @@ std::array<int, 2> drawing_plane(const SolvedStates& states) {
   const Mesh& mesh = *states.mesh;
   const int d = mesh.dimension();
   if (d == 2) return {0, 1};
-  Eigen::VectorXd lower = Eigen::VectorXd::Constant(d, 1e300), upper = -lower;
-  for (int i = 0; i < mesh.node_count(); ++i) {
-    lower = lower.cwiseMin(mesh.node(i));
-    upper = upper.cwiseMax(mesh.node(i));
-  }
-  int vertical = d - 1;
+  int vertical = d - 1, horizontal = 0;
   for (int i = 0; i < d && !states.down.empty(); ++i) {
     if (std::abs(states.down[static_cast<size_t>(i)]) > std::abs(states.down[static_cast<size_t>(vertical)]))
       vertical = i;
   }
-  int horizontal = -1;
-  for (int i = 0; i < d; ++i) {
-    if (i != vertical && (horizontal < 0 || upper[i] - lower[i] > upper[horizontal] - lower[horizontal]))
-      horizontal = i;
-  }
+  const auto nodes = mesh.X.reshaped(d, mesh.node_count());
+  Eigen::VectorXd size = nodes.rowwise().maxCoeff() - nodes.rowwise().minCoeff();
+  size[vertical] = -1;
+  size.maxCoeff(&horizontal);
   return {horizontal, vertical};
 }
 
