@@ -11,13 +11,6 @@
 namespace taut {
 namespace {
 
-enum class Order { none, falls, rises };
-
-/// The name of the region whose Young's modulus this is; "" for other parameters.
-std::string region_of(const std::string& parameter) {
-  return parameter.starts_with("E_") ? parameter.substr(2) : "";
-}
-
 /// The law of a region, from the lines of the set-up; "" when it does not stand there.
 std::string law_of(const RunRecord& record, const std::string& region) {
   for (const auto& [name, value] : record.setup) {
@@ -26,29 +19,24 @@ std::string law_of(const RunRecord& record, const std::string& region) {
   return "";
 }
 
-struct Change {
-  Order order = Order::none;
-  double standard_errors = 0;  ///< of the difference between the first part and the last
-};
-
-Change change_over(const std::vector<const DiagnosticRecord*>& parts) {
+/// From the first part to the last, in standard errors of the difference; 0 where the parts between do not follow.
+double change_over(const std::vector<const DiagnosticRecord*>& parts) {
   const auto rise = [](const DiagnosticRecord& a, const DiagnosticRecord& b) {
     return (b.value - a.value) / std::hypot(a.standard_error, b.standard_error);
   };
-  if (parts.size() < 2) return {};
   const double whole = rise(*parts.front(), *parts.back());
-  if (!(std::abs(whole) > 2)) return {};
+  if (!(std::abs(whole) > 2)) return 0;
   for (size_t i = 1; i < parts.size(); ++i) {
     const double step = rise(*parts[i - 1], *parts[i]);
-    if (whole < 0 ? step > 1 : step < -1) return {};
+    if (whole < 0 ? step > 1 : step < -1) return 0;
   }
-  return {whole < 0 ? Order::falls : Order::rises, std::abs(whole)};
+  return whole;
 }
 
 /// What makes a foam soften more than the model says.
 std::string softer_law(const RunRecord& record, const std::string& parameter) {
-  const std::string region = region_of(parameter);
-  if (region.empty()) return "the model is too stiff there: look at what the load meets last";
+  if (!parameter.starts_with("E_")) return "the model is too stiff there: look at what the load meets last";
+  const std::string region = parameter.substr(2);
   if (law_of(record, region) == "ogden_hill") {
     return fmt::format(
         "the foam softens under compression more than its exponent allows; free alpha_{} or start it higher", region);
@@ -64,15 +52,13 @@ std::string softer_law(const RunRecord& record, const std::string& parameter) {
 std::vector<DiagnosticGroup> diagnostic_groups(const RunRecord& record) {
   std::vector<DiagnosticGroup> groups;
   for (const ParameterEstimate& estimate : record.fit.parameters) {
-    DiagnosticGroup group;
+    DiagnosticGroup group{&estimate, "", {}};
     for (const DiagnosticRecord& diagnostic : record.diagnostics) {
-      if (diagnostic.parameter == estimate.spec.id) group.parts.push_back(&diagnostic);
+      if (diagnostic.parameter != estimate.spec.id) continue;
+      if (group.parts.empty()) group.held = diagnostic.part.substr(0, diagnostic.part.find(" = "));
+      group.parts.push_back(&diagnostic);
     }
-    if (group.parts.empty()) continue;
-    group.whole = &estimate;
-    const std::string& part = group.parts.front()->part;
-    group.held = part.substr(0, part.find(" = "));
-    groups.push_back(group);
+    if (!group.parts.empty()) groups.push_back(group);
   }
   return groups;
 }
@@ -82,42 +68,33 @@ double standard_errors_apart(const DiagnosticGroup& group, const DiagnosticRecor
 }
 
 std::string interpretation(const RunRecord& record, const DiagnosticGroup& group) {
-  std::vector<const DiagnosticRecord*> known;
-  const DiagnosticRecord* farthest = nullptr;
-  double most = 0;
-  for (const DiagnosticRecord* part : group.parts) {
-    const double apart = standard_errors_apart(group, *part);
-    if (!std::isfinite(apart)) continue;
-    known.push_back(part);
-    if (farthest == nullptr || std::abs(apart) > std::abs(most)) {
-      farthest = part;
-      most = apart;
-    }
-  }
-  const std::string& id = group.whole->spec.id;
+  std::vector<const DiagnosticRecord*> known = group.parts;
+  std::erase_if(known, [&](const auto* part) { return !std::isfinite(standard_errors_apart(group, *part)); });
   const std::string failed = known.size() == group.parts.size()
                                  ? ""
                                  : fmt::format(" {} of {} fits failed and say nothing.",
                                                group.parts.size() - known.size(), group.parts.size());
   if (known.size() < 2) return "There are not two values to compare." + failed;
-  if (std::abs(most) <= 2) {
+  const auto apart = [&](const DiagnosticRecord* part) { return std::abs(standard_errors_apart(group, *part)); };
+  const DiagnosticRecord* farthest = *std::ranges::max_element(known, {}, apart);
+  if (apart(farthest) <= 2) {
     return fmt::format("All agree with the whole fit within 2 standard errors: one law serves every {}.", group.held) +
            failed;
   }
-  const auto shown = [&](const DiagnosticRecord* part) { return with_unit(part->value, group.whole->spec.unit, 3); };
-  const Change change = change_over(known);
-  if (change.order == Order::none) {
+  const double change = change_over(known);
+  if (change == 0) {
     return fmt::format(
                "They disagree without an order in {}: {} is {:.1f} standard errors from the whole fit. Look at its "
                "readings first, then at what acts there alone, such as contact or a zero error.",
-               group.held, farthest->part, std::abs(most)) +
+               group.held, farthest->part, apart(farthest)) +
            failed;
   }
-  const std::string text =
-      fmt::format("{} {} as {} grows, from {} to {}, {:.1f} standard errors of the difference: ", id,
-                  change.order == Order::falls ? "falls" : "rises", group.held, shown(known.front()),
-                  shown(known.back()), change.standard_errors);
-  if (change.order == Order::falls) return text + softer_law(record, id) + "." + failed;
+  const ParameterSpec& spec = group.whole->spec;
+  const auto shown = [&](const DiagnosticRecord* part) { return with_unit(part->value, spec.unit, 3); };
+  const std::string text = fmt::format(
+      "{} {} as {} grows, from {} to {}, {:.1f} standard errors of the difference: ", spec.id,
+      change < 0 ? "falls" : "rises", group.held, shown(known.front()), shown(known.back()), std::abs(change));
+  if (change < 0) return text + softer_law(record, spec.id) + "." + failed;
   return text +
          "the specimen stiffens more than the model says, by its material or because parts meet earlier; check "
          "gaps and other dimensions." +

@@ -102,7 +102,13 @@ std::string bare_number(double value) {
   return std::isfinite(value) ? with_unit(value, "1") : "not known";
 }
 
-std::string table(const std::vector<std::string>& header, const std::vector<std::vector<std::string>>& rows) {
+std::string list(const std::vector<std::string>& texts) {
+  std::string out = "<ul>\n";
+  for (const std::string& text : texts) out += "<li>" + escaped(text) + "</li>\n";
+  return out + "</ul>\n";
+}
+
+std::string table(const Cells& header, const std::vector<Cells>& rows) {
   const auto is_number = [&](size_t column) { return column < header.size() && header[column].starts_with('#'); };
   std::string out = "<div class=\"scroll\"><table>\n";
   if (std::ranges::any_of(header, [](const std::string& text) { return !text.empty(); })) {
@@ -114,7 +120,7 @@ std::string table(const std::vector<std::string>& header, const std::vector<std:
     out += "</tr></thead>\n";
   }
   out += "<tbody>\n";
-  for (const std::vector<std::string>& row : rows) {
+  for (const Cells& row : rows) {
     out += "<tr>";
     for (size_t c = 0; c < row.size(); ++c) {
       const bool code = row[c].starts_with('`');

@@ -24,7 +24,19 @@ std::string bare_number(double value);
 
 /// A table of texts, escaped here. A header that starts with '#' makes its column one of numbers, set to the right; a
 /// cell that starts with '`' is set as code; empty headers only give a table without a head.
-std::string table(const std::vector<std::string>& header, const std::vector<std::vector<std::string>>& rows);
+using Cells = std::vector<std::string>;
+std::string table(const Cells& header, const std::vector<Cells>& rows);
+
+/// One row for each item.
+template <class Items, class Row>
+std::vector<Cells> rows_of(const Items& items, Row&& row) {
+  std::vector<Cells> rows;
+  for (const auto& item : items) rows.push_back(row(item));
+  return rows;
+}
+
+/// A list of texts, escaped here.
+std::string list(const std::vector<std::string>& texts);
 
 /// gnuplot's SVG as a part of a page: no prologue, ids made unique by `name`, a title for screen readers.
 std::string inlined(const std::string& svg, const std::string& name, const std::string& title);

@@ -14,6 +14,7 @@ namespace taut {
 namespace {
 
 using html::bare_number;
+using html::Cells;
 using html::escaped;
 using html::paragraph;
 using html::table;
@@ -53,25 +54,19 @@ std::string lack_of_fit_text(const RunRecord& record) {
 }
 
 std::string largest_residual(const RunRecord& record) {
-  const auto farther = [](const ReadingRecord& a, const ReadingRecord& b) {
-    return std::abs(a.measured - a.predicted) < std::abs(b.measured - b.predicted);
-  };
-  const auto odder = [](const ReadingRecord& a, const ReadingRecord& b) {
-    return std::abs((a.measured - a.predicted) / a.sigma) < std::abs((b.measured - b.predicted) / b.sigma);
-  };
   if (record.readings.empty()) return "";
-  const ReadingRecord& far = *std::ranges::max_element(record.readings, farther);
-  const ReadingRecord& odd = *std::ranges::max_element(record.readings, odder);
+  const auto residual = [](const ReadingRecord& r) { return std::abs(r.measured - r.predicted); };
+  const auto normalised = [&](const ReadingRecord& r) { return residual(r) / r.sigma; };
+  const ReadingRecord& far = *std::ranges::max_element(record.readings, {}, residual);
+  const ReadingRecord& odd = *std::ranges::max_element(record.readings, {}, normalised);
   const std::string largest =
       fmt::format("{:.1f} at line {}, channel {}.", (odd.measured - odd.predicted) / odd.sigma, odd.line, odd.channel);
-  if (const std::optional<WrittenUnit> unit = ReadingUnits(record).common()) {
-    return paragraph(
-        fmt::format("The largest residual is {:.3g} {} (line {} of the data, channel {}); measured in its own "
-                    "standard deviation it is {}",
-                    (far.measured - far.predicted) / unit->factor, unit->label, far.line, far.channel, largest));
-  } else {
-    return paragraph("The largest residual, measured in its own standard deviation, is " + largest);
-  }
+  const std::optional<WrittenUnit> unit = ReadingUnits(record).common();
+  if (!unit) return paragraph("The largest residual, measured in its own standard deviation, is " + largest);
+  return paragraph(
+      fmt::format("The largest residual is {:.3g} {} (line {} of the data, channel {}); measured in its own "
+                  "standard deviation it is {}",
+                  (far.measured - far.predicted) / unit->factor, unit->label, far.line, far.channel, largest));
 }
 
 }  // namespace
@@ -88,13 +83,12 @@ std::optional<Section> goodness_of_fit(const RunRecord& record) {
                   "and standard deviations were right, a value this large would come up with probability {}.",
                   bare_number(fit.chi_squared), fit.dof, bare_number(ratio), probability(fit.chi_squared_p)));
   if (!fits(fit)) {
-    const std::string widened = fmt::format("{:.1f}", std::sqrt(ratio));
     out += paragraph(
         fmt::format("So the readings lie farther from the curve than their standard deviations explain. "
                     "Either those were declared too small or the model lacks something. The intervals count the "
-                    "declared standard deviations only; if all of the misfit were random, they would be {} "
+                    "declared standard deviations only; if all of the misfit were random, they would be {:.1f} "
                     "times as wide, and if it is not, no width makes up for it.",
-                    widened),
+                    std::sqrt(ratio)),
         "warning");
   } else if (ratio < 0.5) {
     out += paragraph(
@@ -108,7 +102,7 @@ std::optional<Section> diagnostics(const RunRecord& record) {
   std::string out;
   for (const DiagnosticGroup& group : diagnostic_groups(record)) {
     const Shown whole(*group.whole);
-    std::vector<std::vector<std::string>> rows;
+    std::vector<Cells> rows;
     for (const DiagnosticRecord* part : group.parts) {
       ParameterEstimate estimate = *group.whole;
       estimate.standard_error = part->standard_error;  // for the digits; the unit stays that of the whole fit

@@ -13,34 +13,28 @@ namespace taut {
 namespace {
 
 using html::bare_number;
+using html::Cells;
 using html::escaped;
 using html::paragraph;
+using html::rows_of;
 using html::table;
-
-/// By how much the results of the variants differ from parameter `p` of the fit: lowest and highest ratio - 1.
-std::optional<std::pair<double, double>> spread(const RunRecord& record, size_t p) {
-  std::optional<std::pair<double, double>> range;
-  const double value = record.fit.parameters[p].value;
-  for (const VariantRecord& variant : record.variants) {
-    if (p >= variant.values.size() || !std::isfinite(variant.values[p]) || value == 0) continue;
-    const double ratio = variant.values[p] / value - 1;
-    if (!std::isfinite(ratio)) continue;
-    range = range ? std::pair(std::min(range->first, ratio), std::max(range->second, ratio)) : std::pair(ratio, ratio);
-  }
-  return range;
-}
 
 /// What other fits and other people find for parameter `p`.
 std::string differences(const RunRecord& record, size_t p) {
   const ParameterEstimate& estimate = record.fit.parameters[p];
   std::string out;
-  if (const auto range = spread(record, p)) {
+  std::vector<double> changes;
+  for (const VariantRecord& variant : record.variants) {
+    const double change = p < variant.values.size() ? variant.values[p] / estimate.value - 1 : NAN;
+    if (std::isfinite(change)) changes.push_back(change);
+  }
+  if (!changes.empty()) {
     const char *one = "Another mesh moves", *several = "Other meshes move";
     if (over_strain(record)) one = several = "Another law or choice of readings moves";
-    out += paragraph(range->first == range->second
-                         ? fmt::format("{} {} by {}.", one, estimate.spec.id, percent(range->first))
-                         : fmt::format("{} {} by {} to {}.", several, estimate.spec.id, percent(range->first),
-                                       percent(range->second)));
+    const auto [low, high] = std::ranges::minmax(changes);
+    out += paragraph(low == high
+                         ? fmt::format("{} {} by {}.", one, estimate.spec.id, percent(low))
+                         : fmt::format("{} {} by {} to {}.", several, estimate.spec.id, percent(low), percent(high)));
   }
   for (const ReferenceRecord& reference : record.references) {
     if (reference.parameter != estimate.spec.id || reference.value == 0 || !std::isfinite(estimate.value)) {
@@ -62,55 +56,46 @@ std::string share_of(const DiscretisationShare& share, size_t p, const Shown& sh
 }
 
 std::string variant_table(const RunRecord& record) {
+  if (record.variants.empty()) return "";
   const std::vector<ParameterEstimate>& parameters = record.fit.parameters;
   const bool point = over_strain(record);  // variants are other laws or fewer readings
-  if (record.variants.empty()) return "";
-  const std::string heading =
-      point ? "<h2>What law and readings do to the number</h2>\n" : "<h2>What the mesh does to the number</h2>\n";
-  std::vector<std::string> header = {"Fit", "Mesh", "#Unknowns"};
-  if (point) header = {"Fit", "Law and modes", "#Readings"};
-  for (const ParameterEstimate& estimate : parameters) {
+  Cells header = {"Fit", point ? "Law and modes" : "Mesh", point ? "#Readings" : "#Unknowns"};
+  for (const ParameterEstimate& estimate : parameters)
     header.insert(header.end(), {"#" + estimate.spec.id + " ± standard error", "#Change"});
-  }
   header.insert(header.end(), {"#Chi squared", "#Time", "Status"});
-  std::vector<std::vector<std::string>> rows;
-  const auto add = [&](const VariantRecord& variant, bool main) {
-    std::vector<std::string> row = {main && variant.name != "this fit" ? variant.name + " (this fit)" : variant.name,
-                                    variant.mesh, std::to_string(variant.unknowns)};
+  std::vector<VariantRecord> all = record.variants;
+  VariantRecord& main = *all.insert(all.begin(), record.main);
+  if (main.name != "this fit") main.name += " (this fit)";
+  for (size_t p = 0; record.main.values.empty() && p < parameters.size(); ++p) {
+    main.values.push_back(parameters[p].value);
+    main.standard_errors.push_back(parameters[p].standard_error);
+  }
+  const auto row_of = [&](const VariantRecord& variant) {
+    Cells row = {variant.name, variant.mesh, std::to_string(variant.unknowns)};
     for (size_t p = 0; p < parameters.size(); ++p) {
       const double value = p < variant.values.size() ? variant.values[p] : NAN;
       const double se = p < variant.standard_errors.size() ? variant.standard_errors[p] : NAN;
+      const bool known = std::isfinite(value);
       const Shown shown(parameters[p]);
-      row.insert(row.end(), {std::isfinite(value) ? shown.number(value) + " ± " + shown.with_unit(se)
-                             : point              ? "none"
-                                                  : "no result",
-                             main || !std::isfinite(value) ? "" : percent(value / parameters[p].value - 1)});
+      row.push_back(known ? shown.number(value) + " ± " + shown.with_unit(se) : point ? "none" : "no result");
+      row.push_back(&variant == &main || !known ? "" : percent(value / parameters[p].value - 1));
     }
     row.insert(row.end(), {bare_number(variant.chi_squared), with_unit(variant.seconds, "s", 3), variant.status});
-    rows.push_back(row);
+    return row;
   };
-  VariantRecord main = record.main;
-  if (main.values.empty()) {
-    for (const ParameterEstimate& estimate : parameters) {
-      main.values.push_back(estimate.value);
-      main.standard_errors.push_back(estimate.standard_error);
-    }
-  }
-  add(main, true);
-  for (const VariantRecord& variant : record.variants) add(variant, false);
-  return heading + table(header, rows);
+  return (point ? "<h2>What law and readings do to the number</h2>\n" : "<h2>What the mesh does to the number</h2>\n") +
+         table(header, rows_of(all, row_of));
 }
 
 std::string reference_table(const RunRecord& record) {
   if (record.references.empty()) return "";
-  std::vector<std::vector<std::string>> rows;
+  std::vector<Cells> rows;
   for (const ReferenceRecord& reference : record.references) {
     for (const ParameterEstimate& estimate : record.fit.parameters) {
-      if (estimate.spec.id != reference.parameter) continue;
-      const Shown shown(estimate);
-      rows.push_back({reference.parameter, with_unit(reference.value, estimate.spec.unit),
-                      shown.with_unit(estimate.value), percent(estimate.value / reference.value - 1),
-                      reference.source});
+      if (estimate.spec.id == reference.parameter)
+        rows.push_back({reference.parameter, with_unit(reference.value, estimate.spec.unit),
+                        Shown(estimate).with_unit(estimate.value), percent(estimate.value / reference.value - 1),
+                        reference.source});
     }
   }
   return "<h2>Values from elsewhere</h2>\n" +
@@ -127,8 +112,7 @@ std::optional<Section> answer(const RunRecord& record) {
                                  name_of(fit.status), fit.message),
                      "warning");
   }
-  for (size_t p = 0; p < fit.parameters.size(); ++p) {
-    const ParameterEstimate& estimate = fit.parameters[p];
+  for (const ParameterEstimate& estimate : fit.parameters) {
     const Shown shown(estimate);
     out += paragraph(fmt::format("{} = {}, 95 % interval {}, {}.", estimate.spec.id, shown.with_unit(estimate.value),
                                  shown.interval(estimate), name_of(estimate.verdict)),
@@ -147,16 +131,19 @@ std::optional<Section> answer(const RunRecord& record) {
 }
 
 std::optional<Section> fitted_parameters(const RunRecord& record) {
-  std::vector<std::vector<std::string>> rows;
-  std::vector<std::string> header = {"Parameter", "Meaning", "#Value", "#Standard error"};
-  for (const DiscretisationShare& share : record.shares) header.push_back("#" + share.source + " adds");
+  std::vector<Cells> rows;
+  Cells header = {"Parameter", "Meaning", "#Value", "#Standard error"};
+  std::string explanations, shares;
+  for (const DiscretisationShare& share : record.shares) {
+    header.push_back("#" + share.source + " adds");
+    shares += paragraph(fmt::format("What the {} adds: {} ({:.1f} s).", share.source, share.how, share.seconds));
+  }
   header.insert(header.end(), {"#95 % interval", "Verdict", "#Start", "#Allowed in the fit"});
-  std::string explanations;
   for (size_t p = 0; p < record.fit.parameters.size(); ++p) {
     const ParameterEstimate& estimate = record.fit.parameters[p];
     const Shown shown(estimate);
     const std::string unit = estimate.spec.unit;
-    std::vector<std::string>& row = rows.emplace_back();
+    Cells& row = rows.emplace_back();
     row = {estimate.spec.id, estimate.spec.meaning, shown.with_unit(estimate.value),
            shown.with_unit(estimate.standard_error)};
     for (const DiscretisationShare& share : record.shares)
@@ -164,13 +151,9 @@ std::optional<Section> fitted_parameters(const RunRecord& record) {
     row.insert(row.end(),
                {shown.interval(estimate), std::string(name_of(estimate.verdict)), with_unit(estimate.start, unit),
                 bound(estimate.lower, unit) + " to " + bound(estimate.upper, unit)});
-    if (!estimate.explanation.empty()) {
+    if (!estimate.explanation.empty())
       explanations += fmt::format("<p><b>{}</b>: {}</p>\n", escaped(estimate.spec.id), escaped(estimate.explanation));
-    }
   }
-  std::string shares;
-  for (const DiscretisationShare& share : record.shares)
-    shares += paragraph(fmt::format("What the {} adds: {} ({:.1f} s).", share.source, share.how, share.seconds));
   if (!shares.empty())
     shares = paragraph(
                  "What mesh and contact gap add is part of the value as it stands: taking it off gives what elements "
@@ -192,15 +175,14 @@ std::optional<Section> correlations(const RunRecord& record) {
   const Eigen::MatrixXd& correlation = record.fit.correlation;
   const auto n = static_cast<Eigen::Index>(parameters.size());
   if (n < 2 || correlation.rows() != n || correlation.cols() != n) return std::nullopt;
-  std::vector<std::string> header = {""};
-  std::vector<std::vector<std::string>> rows;
-  for (const ParameterEstimate& estimate : parameters) header.push_back("#" + estimate.spec.id);
+  Cells header = {""};
+  std::vector<Cells> rows;
   for (Eigen::Index i = 0; i < n; ++i) {
-    std::vector<std::string> row = {parameters[static_cast<size_t>(i)].spec.id};
-    for (Eigen::Index j = 0; j < n; ++j) {
-      row.push_back(std::isfinite(correlation(i, j)) ? fmt::format("{:.3f}", correlation(i, j)) : "not known");
-    }
-    rows.push_back(row);
+    const std::string& id = parameters[static_cast<size_t>(i)].spec.id;
+    header.push_back("#" + id);
+    Cells& row = rows.emplace_back(1, id);
+    for (const double value : correlation.row(i))
+      row.push_back(std::isfinite(value) ? fmt::format("{:.3f}", value) : "not known");
   }
   return Section{
       "<h2>How the parameters hang together</h2>\n" + table(header, rows) +

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <stdexcept>
 
@@ -20,16 +21,16 @@ std::vector<const Series*> all_series(const SimulationRecord& record) {
 }
 
 void check(const SimulationRecord& record) {
+  const auto need = [](bool right, const std::string& otherwise) {
+    if (!right) throw std::logic_error("simulation record: " + otherwise);
+  };
   const size_t samples = record.samples.size();
-  std::vector<std::string> ids = {record.sample_name};
   for (const std::vector<Series>* list : {&record.controls, &record.channels}) {
-    for (const Series& series : *list) {
-      if (series.values.size() != samples) {
-        throw std::logic_error(fmt::format("simulation record: series '{}' has {} values for {} samples", series.id,
-                                           series.values.size(), samples));
-      }
-    }
+    for (const Series& series : *list)
+      need(series.values.size() == samples,
+           fmt::format("series '{}' has {} values for {} samples", series.id, series.values.size(), samples));
   }
+  std::vector<std::string> ids = {record.sample_name};
   for (const Series* series : all_series(record)) {
     if (std::ranges::find(ids, series->id) != ids.end()) {
       throw InputError(
@@ -38,19 +39,14 @@ void check(const SimulationRecord& record) {
     }
     ids.push_back(series->id);
   }
-  if (record.frames.empty() || record.frames.size() != record.states.size()) {
-    throw std::logic_error(
-        fmt::format("simulation record: {} states for {} frames", record.states.size(), record.frames.size()));
-  }
+  need(!record.frames.empty() && record.frames.size() == record.states.size(),
+       fmt::format("{} states for {} frames", record.states.size(), record.frames.size()));
   for (size_t i = 0; i < record.frames.size(); ++i) {
-    const int frame = record.frames[i];
-    if (frame < 0 || static_cast<size_t>(frame) >= samples || (i > 0 && frame <= record.frames[i - 1])) {
-      throw std::logic_error(fmt::format("simulation record: frame {} at sample {} of {}", i, frame, samples));
-    }
-    if (record.states[i].size() != record.mesh.X.size()) {
-      throw std::logic_error(fmt::format("simulation record: state {} has {} unknowns, the mesh {}", i,
-                                         record.states[i].size(), record.mesh.X.size()));
-    }
+    const int frame = record.frames[i], before = i > 0 ? record.frames[i - 1] : -1;
+    need(frame > before && static_cast<size_t>(frame) < samples,
+         fmt::format("frame {} at sample {} of {}", i, frame, samples));
+    need(record.states[i].size() == record.mesh.X.size(),
+         fmt::format("state {} has {} unknowns, the mesh {}", i, record.states[i].size(), record.mesh.X.size()));
   }
   for (const SimulationRecord::Plot& plot : record.plots) {
     std::vector<std::string> wanted = plot.y;
@@ -67,9 +63,7 @@ void check(const SimulationRecord& record) {
 std::string file_name_of(const std::string& text) {
   std::string name = text;
   for (char& c : name) {
-    const bool plain =
-        (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' || c == '_' || c == '.';
-    if (!plain) c = '_';
+    if (!std::isalnum(static_cast<unsigned char>(c)) && c != '-' && c != '_' && c != '.') c = '_';
   }
   return name.empty() || name.front() == '.' ? "_" + name : name;
 }

@@ -19,7 +19,7 @@ using html::escaped;
 constexpr size_t kLargestInline = 2'000'000;  // bytes of a figure within the page
 
 std::optional<Section> overview(const SimulationRecord& record) {
-  std::vector<std::vector<std::string>> rows = {
+  std::vector<html::Cells> rows = {
       {"Mesh", fmt::format("{} elements, {} nodes", record.mesh.element_count(), record.mesh.node_count())}};
   for (const auto& [fact, text] : record.facts) rows.push_back({fact, text});
   return Section{html::paragraph(record.description) + html::table({"", ""}, rows)};
@@ -57,13 +57,11 @@ std::optional<Section> how_to_read(const SimulationRecord& record) {
                   file_name_of(record.name))};
   if (record.mesh.dimension() == 2)
     hints.push_back("The model is plane: what is seen is a section, the same at every depth.");
-  std::string html = "<h2>How to read this</h2>\n<ul>\n";
-  for (const std::string& hint : hints) html += "<li>" + escaped(hint) + "</li>\n";
-  return Section{html + "</ul>\n"};
+  return Section{"<h2>How to read this</h2>\n" + html::list(hints)};
 }
 
 std::optional<Section> origin(const SimulationRecord& record) {
-  std::vector<std::vector<std::string>> rows;
+  std::vector<html::Cells> rows;
   if (!record.command_line.empty()) rows.push_back({"Command", "`" + record.command_line});
   if (!record.version.empty()) rows.push_back({"Version of taut", record.version});
   std::string html = "<h2>Where this comes from</h2>\n" + html::table({"", ""}, rows);
