@@ -1,10 +1,8 @@
 #pragma once
-#include <array>
 #include <span>
+#include <stdexcept>
 #include <string>
 #include <tuple>
-#include <utility>
-#include <vector>
 
 #include "reports/axes.hpp"
 
