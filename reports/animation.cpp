@@ -276,9 +276,25 @@ Json short_number(double value) {
 }
 
 std::vector<double> in_millimetres(const Eigen::VectorXd& x) {
-  std::vector<double> out;
-  for (const double value : x) out.push_back(value / kMillimetre);
-  return out;
+  const Eigen::VectorXd mm = x / kMillimetre;
+  return {mm.begin(), mm.end()};
+}
+
+/// One entry for each item of a list.
+template <class List, class Make>
+Json array_of(const List& list, Make&& make) {
+  Json array = Json::array();
+  for (const auto& item : list) array.push_back(make(item));
+  return array;
+}
+
+/// Coordinates of points [mm], one after the other.
+Json short_coordinates(const std::vector<Eigen::VectorXd>& points) {
+  Json array = Json::array();
+  for (const Eigen::VectorXd& point : points) {
+    for (const double value : point) array.push_back(short_number(value / kMillimetre));
+  }
+  return array;
 }
 
 /// Whole steps of all points of a frame from the window's lower corner.
@@ -311,15 +327,8 @@ std::string frames_text(const std::vector<std::vector<int>>& steps, const std::v
   return text + "]";
 }
 
-}  // namespace
-
-std::string animation_json(const SimulationRecord& record, size_t budget) {
-  const plot::Surface surface = plot::surface_of(record.mesh);
-  const plot::Bounds bounds = plot::bounds_of(record);
-  const double step = (bounds.upper - bounds.lower).maxCoeff() / kSteps;
-
-  std::vector<std::vector<int>> steps;
-  for (size_t f = 0; f < record.states.size(); ++f) steps.push_back(steps_of(record, surface, bounds, step, f));
+/// The frames' positions as text of at most `budget` bytes, and which frames they are.
+std::pair<std::string, std::vector<size_t>> frames_within(size_t budget, const std::vector<std::vector<int>>& steps) {
   std::vector<size_t> chosen = plot::evenly_chosen(steps.size(), steps.size());
   std::string frames = frames_text(steps, chosen);
   while (frames.size() > budget && chosen.size() > 2) {
@@ -328,68 +337,75 @@ std::string animation_json(const SimulationRecord& record, size_t budget) {
                                  std::max<size_t>(2, static_cast<size_t>(kept * static_cast<double>(chosen.size()))));
     frames = frames_text(steps, chosen);
   }
+  return {frames, chosen};
+}
 
-  Json json;
-  json["dimension"] = record.mesh.dimension();
-  json["window"] = {{"lower", in_millimetres(bounds.lower)}, {"upper", in_millimetres(bounds.upper)}};
-  json["step"] = step / kMillimetre;
-  json["regions"] = Json::array();
-  for (size_t r = 0; r < record.mesh.region_names.size(); ++r) {
-    const std::string& name = record.mesh.region_names[r];
-    json["regions"].push_back({{"name", name}, {"colour", plot::body_colour(name, r)}});
-  }
-  json["nodes"] = surface.nodes;
-  json["loops"] = Json::array();
-  for (const plot::Surface::Loop& loop : surface.loops) {
-    json["loops"].push_back({{"region", loop.region}, {"points", loop.points}});
-  }
+/// What is drawn in every frame, and in which colours.
+Json scene_json(const SimulationRecord& record, const plot::Surface& surface, const plot::Bounds& bounds, double step) {
+  Json json{{"dimension", record.mesh.dimension()},
+            {"window", {{"lower", in_millimetres(bounds.lower)}, {"upper", in_millimetres(bounds.upper)}}},
+            {"step", step / kMillimetre},
+            {"regions", Json::array()},
+            {"nodes", surface.nodes}};
+  for (const std::string& name : record.mesh.region_names)
+    json["regions"].push_back({{"name", name}, {"colour", plot::body_colour(name, json["regions"].size())}});
+  json["loops"] = array_of(surface.loops, [](const plot::Surface::Loop& loop) {
+    return Json{{"region", loop.region}, {"points", loop.points}};
+  });
   json["triangles"] = json["triangle_regions"] = Json::array();
-  for (const plot::Surface::Triangle& triangle : surface.triangles) {
-    for (const int point : triangle.points) json["triangles"].push_back(point);
-    json["triangle_regions"].push_back(triangle.region);
+  for (const auto& [region, points] : surface.triangles) {
+    for (const int point : points) json["triangles"].push_back(point);
+    json["triangle_regions"].push_back(region);
   }
   json["lines"] = Json::array();
-  const size_t lines = record.lines.size();
-  for (size_t i = 0; i < lines; ++i) {
-    const std::string name = plot::lines_are_told_apart(lines) ? record.lines[i].id : i == 0 ? "cables" : "";
+  const size_t count = record.lines.size();
+  for (size_t i = 0; i < count; ++i) {
+    const std::string name = plot::lines_are_told_apart(count) ? record.lines[i].id : i == 0 ? "cables" : "";
     json["lines"].push_back(
-        {{"name", name}, {"colour", plot::line_colour(i, lines)}, {"count", record.lines[i].points.size()}});
+        {{"name", name}, {"colour", plot::line_colour(i, count)}, {"count", record.lines[i].points.size()}});
   }
-  json["obstacles"] = Json::array();
-  for (const std::vector<Eigen::VectorXd>& obstacle : record.obstacles) {
-    Json points = Json::array();
-    for (const Eigen::VectorXd& point : obstacle) {
-      for (const double value : point) points.push_back(short_number(value / kMillimetre));
-    }
-    json["obstacles"].push_back(points);
-  }
-  json["ground"] = Json::array();
-  for (const auto& [from, to] : plot::ground_strokes(record, bounds)) {
-    for (const Eigen::VectorXd* end : {&from, &to}) {
-      for (const double value : *end) json["ground"].push_back(short_number(value / kMillimetre));
-    }
-  }
+  json["obstacles"] = array_of(record.obstacles, short_coordinates);
+  std::vector<Eigen::VectorXd> strokes;
+  for (const auto& [from, to] : plot::ground_strokes(record, bounds)) strokes.insert(strokes.end(), {from, to});
+  json["ground"] = short_coordinates(strokes);
+  return json;
+}
+
+/// The sample variable and the series in the chosen frames.
+void add_values(Json& json, const SimulationRecord& record, const std::vector<size_t>& chosen) {
+  const auto in_frames = [&](const std::vector<double>& values, double unit) {
+    return array_of(
+        chosen, [&](size_t frame) { return short_number(values[static_cast<size_t>(record.frames[frame])] / unit); });
+  };
   const SampleLabel label(record);
-  const auto sample_of = [&](size_t frame) { return static_cast<size_t>(record.frames[frame]); };
-  Json values = Json::array();
-  for (const size_t f : chosen) values.push_back(short_number(record.samples[sample_of(f)] / label.unit().factor));
   json["sample"] = {{"name", record.sample_name},
                     {"unit", label.unit().label},
                     {"decimals", label.decimals()},
                     {"seconds", record.sample_unit == "s" ? label.unit().factor : 0.0},
-                    {"values", values}};
-  json["series"] = Json::array();
-  for (const Series* series : all_series(record)) {
+                    {"values", in_frames(record.samples, label.unit().factor)}};
+  json["series"] = array_of(all_series(record), [&](const Series* series) {
     const WrittenUnit unit = shown_unit(series->unit, series->values);
-    Json list = Json::array();
-    for (const size_t f : chosen) list.push_back(short_number(series->values[sample_of(f)] / unit.factor));
     const bool control = series >= record.controls.data() && series < record.controls.data() + record.controls.size();
-    json["series"].push_back({{"id", series->id},
-                              {"meaning", series->meaning},
-                              {"unit", unit.label},
-                              {"control", control},
-                              {"values", list}});
-  }
+    return Json{{"id", series->id},
+                {"meaning", series->meaning},
+                {"unit", unit.label},
+                {"control", control},
+                {"values", in_frames(series->values, unit.factor)}};
+  });
+}
+
+}  // namespace
+
+std::string animation_json(const SimulationRecord& record, size_t budget) {
+  const plot::Surface surface = plot::surface_of(record.mesh);
+  const plot::Bounds bounds = plot::bounds_of(record);
+  const double step = (bounds.upper - bounds.lower).maxCoeff() / kSteps;
+  std::vector<std::vector<int>> steps;
+  for (size_t f = 0; f < record.states.size(); ++f) steps.push_back(steps_of(record, surface, bounds, step, f));
+  const auto [frames, chosen] = frames_within(budget, steps);
+
+  Json json = scene_json(record, surface, bounds, step);
+  add_values(json, record, chosen);
   json["shown"] = chosen.size();
   json["stored"] = record.states.size();
   std::string text = json.dump(-1, ' ', false, Json::error_handler_t::replace);

@@ -14,19 +14,25 @@ constexpr double kText = 6.6;    // average width of a character of the numbers 
 constexpr double kNarrow = 30;   // below this the arrows stand outside [px]
 constexpr double kOutside = 18;  // length of an arrow that stands outside [px]
 constexpr double kMargin = 8;    // between neighbours of one row [px]
-constexpr const char* kFont = "font ',11'";
 
 double text_width(const std::string& text) {
   return kText * static_cast<double>(length_of(text)) + 4;
 }
 
-/// An arrow along x or, `upright`, along y; `heads` is gnuplot's word for its ends.
+/// A point of a line along x or, `upright`, along y.
+std::string point(bool upright, double along, double across) {
+  return upright ? fmt::format("{:.8g},{:.8g}", across, along) : fmt::format("{:.8g},{:.8g}", along, across);
+}
+
+/// `heads` is gnuplot's word for the arrow's ends.
 std::string arrow(bool upright, double along0, double along1, double across, const char* heads, double scale) {
-  const auto point = [&](double along) {
-    return upright ? fmt::format("{:.8g},{:.8g}", across, along) : fmt::format("{:.8g},{:.8g}", along, across);
-  };
   return fmt::format("set arrow from first {} to first {} {} size first {:.6g},16 filled front lw 1.1 lc rgb '{}'\n",
-                     point(along0), point(along1), heads, 8 / scale, kBlack);
+                     point(upright, along0, across), point(upright, along1, across), heads, 8 / scale, kBlack);
+}
+
+std::string number(const std::string& text, bool upright, double along, double across, const char* adjust) {
+  return fmt::format("set label {} at first {} {}{} front font ',11' tc rgb '{}'\n", literal(text),
+                     point(upright, along, across), adjust, upright ? " rotate by 90" : "", kBlack);
 }
 
 /// The line of one dimension with its arrow heads.
@@ -83,28 +89,24 @@ Dimensions::Placed Dimensions::place(const Dimension& d) const {
   return second_best;
 }
 
-int Dimensions::rows(Dimension::Side side) const {
-  int rows = 0;
+template <class Number, class Value>
+Number Dimensions::largest(Dimension::Side side, Number least, Value&& value) const {
   for (size_t i = 0; i < list_.size(); ++i) {
-    if (list_[i].side == side) rows = std::max(rows, placed_[i].row + 1);
+    if (list_[i].side == side) least = std::max<Number>(least, value(placed_[i]));
   }
-  return rows;
+  return least;
+}
+
+int Dimensions::rows(Dimension::Side side) const {
+  return largest(side, 0, [](const Placed& p) { return p.row + 1; });
 }
 
 double Dimensions::lowest(Dimension::Side side) const {
-  double value = INFINITY;
-  for (size_t i = 0; i < list_.size(); ++i) {
-    if (list_[i].side == side) value = std::min(value, placed_[i].low);
-  }
-  return value;
+  return -largest<double>(side, -INFINITY, [](const Placed& p) { return -p.low; });
 }
 
 double Dimensions::highest(Dimension::Side side) const {
-  double value = -INFINITY;
-  for (size_t i = 0; i < list_.size(); ++i) {
-    if (list_[i].side == side) value = std::max(value, placed_[i].high);
-  }
-  return value;
+  return largest<double>(side, -INFINITY, [](const Placed& p) { return p.high; });
 }
 
 std::string Dimensions::drawn(double left, double below, double right, double above) const {
@@ -120,34 +122,21 @@ std::string Dimensions::drawn(double left, double below, double right, double ab
                                                       : right;
     const double across = start + sign * (p.row + 1) * spacing / scale_;
     for (const double along : {d.from, d.to}) {
-      const double end = across + sign * 4 / scale_;
-      const auto point = [&](double at) {
-        return upright ? fmt::format("{:.8g},{:.8g}", at, along) : fmt::format("{:.8g},{:.8g}", along, at);
-      };
-      out += fmt::format("set arrow from first {} to first {} nohead front lw 0.7 lc rgb '{}'\n", point(d.body),
-                         point(end), kGrey);
+      out += fmt::format("set arrow from first {} to first {} nohead front lw 0.7 lc rgb '{}'\n",
+                         point(upright, along, d.body), point(upright, along, across + sign * 4 / scale_), kGrey);
     }
     out += measured_line(upright, d.from, d.to, across, scale_);
     // Beyond the line, where no extension line of its own passes, or on its axis after an arrow that stands outside.
-    double along = 0.5 * (d.from + d.to), beside = across;
-    std::string adjust = "center";
-    if (p.align == 0) {
-      beside += sign * 10 / scale_;
-    } else {
-      along = p.align > 0 ? d.to + (kOutside + 4) / scale_ : d.from - (kOutside + 4) / scale_;
-      adjust = p.align > 0 ? "left" : "right";
-    }
-    out += fmt::format("set label {} at first {:.8g},{:.8g} {}{} front {} tc rgb '{}'\n", literal(d.text),
-                       upright ? beside : along, upright ? along : beside, adjust, upright ? " rotate by 90" : "",
-                       kFont, kBlack);
+    const double along =
+        p.align == 0 ? 0.5 * (d.from + d.to) : (p.align > 0 ? d.to : d.from) + p.align * (kOutside + 4) / scale_;
+    const double beside = p.align == 0 ? across + sign * 10 / scale_ : across;
+    out += number(d.text, upright, along, beside, p.align == 0 ? "center" : p.align > 0 ? "left" : "right");
   }
   return out;
 }
 
 std::string dimension_inside(double x, double from, double to, const std::string& text, double scale) {
-  return measured_line(true, from, to, x, scale) +
-         fmt::format("set label {} at first {:.8g},{:.8g} center rotate by 90 front {} tc rgb '{}'\n", literal(text),
-                     x - 10 / scale, 0.5 * (from + to), kFont, kBlack);
+  return measured_line(true, from, to, x, scale) + number(text, true, 0.5 * (from + to), x - 10 / scale, "center");
 }
 
 }  // namespace taut::plot

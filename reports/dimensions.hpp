@@ -38,6 +38,8 @@ class Dimensions {
     double low, high;  ///< what it covers [px]
   };
   Placed place(const Dimension& dimension) const;
+  template <class Number, class Value>
+  Number largest(Dimension::Side side, Number least, Value&& value) const;
 
   std::vector<Dimension> list_;
   std::vector<Placed> placed_;

@@ -73,28 +73,10 @@ std::string figure(const Figure& figure, size_t largest) {
 }
 
 std::string escaped(const std::string& text) {
+  static const std::map<char, std::string> written = {
+      {'&', "&amp;"}, {'<', "&lt;"}, {'>', "&gt;"}, {'"', "&quot;"}, {'\'', "&#39;"}};
   std::string out;
-  for (const char c : text) {
-    switch (c) {
-      case '&':
-        out += "&amp;";
-        break;
-      case '<':
-        out += "&lt;";
-        break;
-      case '>':
-        out += "&gt;";
-        break;
-      case '"':
-        out += "&quot;";
-        break;
-      case '\'':
-        out += "&#39;";
-        break;
-      default:
-        out += c;
-    }
-  }
+  for (const char c : text) out += written.contains(c) ? written.at(c) : std::string(1, c);
   return out;
 }
 
@@ -110,13 +92,13 @@ std::string list(const std::vector<std::string>& texts) {
 
 std::string table(const Cells& header, const std::vector<Cells>& rows) {
   const auto is_number = [&](size_t column) { return column < header.size() && header[column].starts_with('#'); };
+  const auto cell = [&](const char* tag, size_t column, const std::string& html) {
+    return fmt::format("<{0}{1}>{2}</{0}>", tag, is_number(column) ? " class=\"n\"" : "", html);
+  };
   std::string out = "<div class=\"scroll\"><table>\n";
   if (std::ranges::any_of(header, [](const std::string& text) { return !text.empty(); })) {
     out += "<thead><tr>";
-    for (size_t c = 0; c < header.size(); ++c) {
-      out += is_number(c) ? "<th class=\"n\">" + escaped(header[c].substr(1)) : "<th>" + escaped(header[c]);
-      out += "</th>";
-    }
+    for (size_t c = 0; c < header.size(); ++c) out += cell("th", c, escaped(header[c].substr(is_number(c) ? 1 : 0)));
     out += "</tr></thead>\n";
   }
   out += "<tbody>\n";
@@ -124,9 +106,7 @@ std::string table(const Cells& header, const std::vector<Cells>& rows) {
     out += "<tr>";
     for (size_t c = 0; c < row.size(); ++c) {
       const bool code = row[c].starts_with('`');
-      out += is_number(c) ? "<td class=\"n\">" : "<td>";
-      out += code ? "<code>" + escaped(row[c].substr(1)) + "</code>" : escaped(row[c]);
-      out += "</td>";
+      out += cell("td", c, code ? "<code>" + escaped(row[c].substr(1)) + "</code>" : escaped(row[c]));
     }
     out += "</tr>\n";
   }
