@@ -10,6 +10,8 @@
 
 namespace taut {
 
+extern const BenchKind material_point_kind;
+
 /// Homogeneous tests on a material, without a mesh: geometry kind "uniaxial". Channels are modes of loading, readings
 /// nominal stresses [Pa] over the strain.
 class MaterialPointBench final : public Bench {

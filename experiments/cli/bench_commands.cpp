@@ -216,7 +216,7 @@ int check_command(const CommandOptions& options) {
 
 int draw_command(const CommandOptions& options) {
   const Experiment experiment = read_experiment(options.target);
-  if (experiment.material_point)
+  if (!experiment.kind->specimen)
     throw InputError(fmt::format("{}: a material point has no specimen to draw; use `taut check` and `taut fit` on it",
                                  options.target));
   const std::string folder = run_folder(options);
