@@ -141,10 +141,11 @@ class Bench {
   virtual std::unique_ptr<Bench> at_loads(const std::string& path) const;
   virtual std::vector<double> values_of(size_t control) const;  ///< distinct ones, ascending [SI]
 
-  virtual std::string model_text() const = 0;  ///< "quadratic, locking-free, 14 x 5 x 5 cells"
-  virtual int unknowns() const = 0;            ///< of a material point: readings
-  virtual std::string size_text() const = 0;   ///< "16 readings in 8 conditions with 2400 unknowns"
-  virtual Lines describe() const = 0;          ///< mesh, materials, supports, loads, channels
+  virtual std::string fit_name() const { return "this fit"; }  ///< beside its variants
+  virtual std::string model_text() const = 0;                  ///< "quadratic, locking-free, 14 x 5 x 5 cells"
+  virtual int unknowns() const = 0;                            ///< of a material point: readings
+  virtual std::string size_text() const = 0;                   ///< "16 readings in 8 conditions with 2400 unknowns"
+  virtual Lines describe() const = 0;                          ///< mesh, materials, supports, loads, channels
   /// What a reader must know before trusting a prediction (elements that lock), and after it (folded states, slips).
   virtual std::vector<std::string> warnings_before() const { return {}; }
   virtual std::vector<std::string> warnings_after() const { return {}; }

@@ -60,9 +60,10 @@ std::string_view name_of(Rung rung);
 /// A kind of bench. A new one is a file pair with what its files say, its Bench and its row, and the row's name in
 /// calib/files/bench_kinds.hpp: files, commands and messages follow.
 struct BenchKind {
-  std::string_view name;  ///< in files: the kind in [bench]; in [geometry] where there is no specimen
-  bool specimen = true;   ///< whether there is a body with a mesh, supports, loads and channels, which all kinds share
-  bool at_rest = false;   ///< whether its readings are those of a specimen's equilibria
+  std::string_view name;   ///< in files: the kind in [bench]; in [geometry] where there is no specimen
+  std::string_view about;  ///< in sentences: "a material point"
+  bool specimen = true;    ///< whether there is a body with a mesh, supports, loads and channels, which all kinds share
+  bool at_rest = false;    ///< whether its readings are those of a specimen's equilibria
   /// Reads [bench] and tables that no other kind has, after the specimen. Throws InputError with file and line.
   void (*read)(TableReader& root, Experiment& experiment) = nullptr;
   /// Reads the keys of a [[fit.variant]] but its name; null: those of its mesh.

@@ -71,6 +71,7 @@ void read_uniaxial_variant(TableReader& table, const Experiment& experiment, Var
 }  // namespace
 
 constinit const BenchKind material_point_kind{.name = "uniaxial",
+                                              .about = "a material point",
                                               .specimen = false,
                                               .read = read_uniaxial,
                                               .read_variant = read_uniaxial_variant,

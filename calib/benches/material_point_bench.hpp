@@ -26,6 +26,7 @@ class MaterialPointBench final : public Bench {
                                   const Eigen::MatrixXd& covariance, const Ask& ask) const override;
   bool draws_variants() const override { return true; }
   std::unique_ptr<Bench> with(const VariantSettings& variant) const override;
+  std::string fit_name() const override { return experiment_.materials.front().law; }
   std::string model_text() const override;
   int unknowns() const override { return static_cast<int>(measurements_.size()); }
   std::string size_text() const override;

@@ -22,6 +22,7 @@ std::vector<std::pair<std::string*, std::string>> files_of(Experiment& experimen
 }  // namespace
 
 constinit const BenchKind recordings_kind{.name = "recordings",
+                                          .about = "recordings over time",
                                           .read = read_recordings,
                                           .readings = files_of,
                                           .open = [](Experiment experiment) -> std::unique_ptr<Bench> {

@@ -62,6 +62,7 @@ Experiment with_own_mesh(Experiment experiment) {
 }  // namespace
 
 constinit const BenchKind static_kind{.name = "readings",
+                                      .about = "readings at rest",
                                       .at_rest = true,
                                       .read = read_readings,
                                       .open = [](Experiment experiment) -> std::unique_ptr<Bench> {

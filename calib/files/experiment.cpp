@@ -16,42 +16,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Loads name their unit by their column or value; the unit says what kind of load it is.
-const std::vector<Quantity> load_quantities{Quantity::force, Quantity::mass, Quantity::pressure, Quantity::line_load};
-
-LoadSettings read_load(TableReader& table, const Setup& setup) {
-  const size_t d = static_cast<size_t>(setup.dimension);
-  LoadSettings load;
-  load.id = table.text("id");
-  if (table.has("point") == table.has("on"))
-    table.fail("", "give either 'on' (a tag, or \"a & b\") or 'point' as the place of the load");
-  if (table.has("point")) load.point = table.quantities("point", Quantity::length, d);
-  if (table.has("on")) load.on = table.text("on");
-  load.direction = direction_of(table, setup.dimension);
-  if (table.has("column") == table.has("value"))
-    table.fail("", "give either 'column' (of the bench file) or 'value' (a constant load)");
-  if (table.has("column")) {
-    load.control = load.id;
-    load.column = table.text("column");
-    load.quantity = parse_header(load.column, load_quantities, table.where("column")).quantity;
-  } else {
-    const std::string value = table.text("value");
-    const auto quantity = quantity_of_text(value, load_quantities);
-    if (!quantity)
-      table.fail("value", fmt::format("'{}' is not a load; give a force (\"2 N\"), a mass (\"100 g\"), a traction (\"3 "
-                                      "kPa\") or a line load (\"5 N/m\")",
-                                      value));
-    load.quantity = *quantity;
-    load.value = parse_quantity(value, load.quantity, table.where("value"));
-  }
-  if (load.quantity == Quantity::pressure && !load.point.empty())
-    table.fail("point", "a traction acts on a face; use 'on'");
-  if (load.quantity == Quantity::line_load && !load.point.empty())
-    table.fail("point", "a line load acts on an edge, in 2D on a corner; use 'on'");
-  table.finish();
-  return load;
-}
-
 void read_channel(TableReader& table, Experiment& experiment) {
   ChannelSettings channel = read_channel(table, experiment, Language::bench);
   BenchFormat::Channel& bench = experiment.bench.channels.emplace_back();
@@ -278,7 +242,8 @@ void read_specimen(TableReader& root, Experiment& experiment) {
   for (TableReader& table : root.tables("support")) read_support(table, experiment);
   if (experiment.supports.empty())
     root.fail("", "there is no support; add [[support]] with on = \"TAG\" and fix = [\"x\", \"y\"]");
-  for (TableReader& table : root.tables("load")) experiment.loads.push_back(read_load(table, experiment));
+  for (TableReader& table : root.tables("load"))
+    experiment.loads.push_back(read_load(table, experiment, Language::bench));
   if (auto cables = root.optional_table("cables")) read_cables(*cables, experiment);
   std::vector<BenchFormat::Control>& controls = experiment.bench.controls;
   for (const LoadSettings& load : experiment.loads) {

@@ -105,9 +105,7 @@ class Run {
       fit = fit_from(free_, "fit from the file's values");
     fit.search.seconds += start_seconds;
     for (size_t j = 0; j < fit.parameters.size(); ++j) fit.parameters[j].start = free_[j].start;
-    const Experiment& experiment = bench_.experiment();
-    const std::string name = experiment.kind->specimen ? "this fit" : experiment.materials.front().law;
-    record_.main = as_variant(name, bench_, fit, fit, watch.seconds());
+    record_.main = as_variant(bench_.fit_name(), bench_, fit, fit, watch.seconds());
     if (fit.predicted.size() > 0) fill_predictions(bench_, fit.predicted, fit.prediction_se, record_);
   }
 

@@ -17,22 +17,6 @@ constexpr double max_steps = 1e6;  // all states are kept
 /// What every simulation records.
 const std::vector<std::string> own_series{"time", "kinetic_energy", "potential_energy"};
 
-/// The quantity of a text, by its unit.
-Quantity quantity_of(const TableReader& table, std::string_view key, const std::string& text,
-                     const std::vector<Quantity>& allowed) {
-  if (const auto quantity = quantity_of_text(text, allowed)) return *quantity;
-  std::vector<std::string> names;
-  for (Quantity quantity : allowed) names.emplace_back(name_of(quantity));
-  table.fail(key, fmt::format("'{}' has not a unit that fits; allowed: {}", text, join(names)));
-}
-
-Quantity control_quantity(const Simulation& simulation, const std::string& id) {
-  for (const ControlSettings& control : simulation.controls) {
-    if (control.id == id) return control.quantity;
-  }
-  return Quantity::pure;
-}
-
 /// The id of a control of the given quantity.
 std::string control_of(TableReader& table, std::string_view key, const Simulation& simulation, Quantity quantity) {
   const std::string id = known_id(table, key, ids_of(simulation.controls), "a [[control]]");
@@ -185,27 +169,6 @@ void read_joint(TableReader& table, Simulation& simulation) {
   simulation.joints.push_back(std::move(joint));
 }
 
-void read_load(TableReader& table, Simulation& simulation) {
-  LoadSettings load;
-  load.id = table.text("id");
-  load.on = table.text("on");
-  load.direction = direction_of(table, simulation.dimension);
-  if (table.has("control")) {
-    load.control = known_id(table, "control", ids_of(simulation.controls), "a [[control]]");
-    load.quantity = control_quantity(simulation, load.control);
-    if (load.quantity != Quantity::force && load.quantity != Quantity::mass)
-      table.fail("control", "a load is a force or a hung mass");
-  } else {
-    const std::string value = table.text("value");
-    load.quantity = quantity_of(table, "value", value, {Quantity::force, Quantity::mass});
-    load.value = parse_quantity(value, load.quantity, table.where("value"));
-    if (load.quantity == Quantity::mass && load.value < 0)
-      table.fail("value", fmt::format("a mass of {} is negative; give zero or more", value));
-  }
-  table.finish();
-  simulation.loads.push_back(std::move(load));
-}
-
 void read_contact(TableReader table, Simulation& simulation) {
   SurfaceSettings& contact = simulation.contact;
   contact.on = true;
@@ -322,8 +285,8 @@ void read_ik(TableReader table, Simulation& simulation) {
 /// Plots of series that will not be there, and controls that nothing listens to.
 void refuse_without_effect(const Simulation& simulation) {
   std::vector<std::string> series = own_series;
-  for (const ControlSettings& control : simulation.controls) series.push_back(control.id);
-  for (const ChannelSettings& channel : simulation.channels) series.push_back(channel.id);
+  for (const std::vector<std::string>& ids : {ids_of(simulation.controls), ids_of(simulation.channels)})
+    series.insert(series.end(), ids.begin(), ids.end());
   for (const RobotPlot& plot : simulation.plots) {
     std::vector<std::string> ids = plot.y;
     if (!plot.x.empty()) ids.push_back(plot.x);
@@ -333,14 +296,15 @@ void refuse_without_effect(const Simulation& simulation) {
                                      simulation.path, plot.id, id, did_you_mean(id, series), join(series)));
     }
   }
+  std::vector<std::string> used;
+  const auto use = [&](const auto& items) {
+    for (const auto& item : items) used.push_back(item.control);
+  };
+  use(simulation.cables.cables);
+  use(simulation.joints);
+  use(simulation.loads);
   for (const ControlSettings& control : simulation.controls) {
-    const auto uses = [&](const auto& items, auto&& control_of_item) {
-      return std::any_of(items.begin(), items.end(),
-                         [&](const auto& item) { return control_of_item(item) == control.id; });
-    };
-    const auto control_in = [](const auto& item) { return item.control; };
-    if (!uses(simulation.cables.cables, control_in) && !uses(simulation.joints, control_in) &&
-        !uses(simulation.loads, control_in))
+    if (std::find(used.begin(), used.end(), control.id) == used.end())
       throw InputError(
           fmt::format("{}: the control '{}' moves nothing; name it as the retraction of a cable, the angle of a "
                       "joint or the control of a load, or remove it",
@@ -377,7 +341,8 @@ Simulation read_simulation(const std::string& path) {
   for (TableReader& table : root.tables("control")) read_control(table, simulation);
   for (TableReader& table : root.tables("cable")) read_cable(table, simulation);
   for (TableReader& table : root.tables("joint")) read_joint(table, simulation);
-  for (TableReader& table : root.tables("load")) read_load(table, simulation);
+  for (TableReader& table : root.tables("load"))
+    simulation.loads.push_back(read_load(table, simulation, Language::simulation));
   if (auto contact = root.optional_table("contact")) read_contact(*contact, simulation);
   for (TableReader& table : root.tables("channel")) read_channel(table, simulation);
   for (TableReader& table : root.tables("plot")) {

@@ -141,14 +141,68 @@ void refuse_repeated(const std::string& path, const std::vector<std::vector<std:
   }
 }
 
-std::optional<Quantity> quantity_of_text(const std::string& text, const std::vector<Quantity>& allowed) {
+Quantity quantity_of(const TableReader& table, std::string_view key, const std::string& text,
+                     const std::vector<Quantity>& allowed, std::string_view otherwise) {
   const size_t blank = text.rfind(' ');
   const std::string unit = blank == std::string::npos ? "" : text.substr(blank + 1);
+  std::vector<std::string> names;
   for (Quantity quantity : allowed) {
     const std::vector<std::string> units = units_of(quantity);
     if (std::find(units.begin(), units.end(), unit) != units.end()) return quantity;
+    names.emplace_back(name_of(quantity));
   }
-  return std::nullopt;
+  table.fail(key, fmt::format("'{}' {}", text,
+                              otherwise.empty() ? "has not a unit that fits; allowed: " + join(names) : otherwise));
+}
+
+Quantity control_quantity(const Setup& setup, const std::string& id) {
+  for (const ControlSettings& control : setup.controls) {
+    if (control.id == id) return control.quantity;
+  }
+  return Quantity::pure;
+}
+
+LoadSettings read_load(TableReader& table, const Setup& setup, Language language) {
+  const bool bench = language == Language::bench;
+  // The unit of the column or of the value says what kind of load it is.
+  std::vector<Quantity> quantities{Quantity::force, Quantity::mass};
+  if (bench) quantities.insert(quantities.end(), {Quantity::pressure, Quantity::line_load});
+  LoadSettings load;
+  load.id = table.text("id");
+  if (bench && table.has("point") == table.has("on"))
+    table.fail("", "give either 'on' (a tag, or \"a & b\") or 'point' as the place of the load");
+  if (bench && table.has("point"))
+    load.point = table.quantities("point", Quantity::length, static_cast<size_t>(setup.dimension));
+  else
+    load.on = table.text("on");
+  load.direction = direction_of(table, setup.dimension);
+  if (bench && table.has("column") == table.has("value"))
+    table.fail("", "give either 'column' (of the bench file) or 'value' (a constant load)");
+  if (bench && table.has("column")) {
+    load.control = load.id;
+    load.column = table.text("column");
+    load.quantity = parse_header(load.column, quantities, table.where("column")).quantity;
+  } else if (!bench && table.has("control")) {
+    load.control = known_id(table, "control", ids_of(setup.controls), "a [[control]]");
+    load.quantity = control_quantity(setup, load.control);
+    if (std::find(quantities.begin(), quantities.end(), load.quantity) == quantities.end())
+      table.fail("control", "a load is a force or a hung mass");
+  } else {
+    const std::string value = table.text("value");
+    load.quantity = quantity_of(table, "value", value, quantities,
+                                bench ? "is not a load; give a force (\"2 N\"), a mass (\"100 g\"), a traction (\"3 "
+                                        "kPa\") or a line load (\"5 N/m\")"
+                                      : "");
+    load.value = parse_quantity(value, load.quantity, table.where("value"));
+    if (!bench && load.quantity == Quantity::mass && load.value < 0)
+      table.fail("value", fmt::format("a mass of {} is negative; give zero or more", value));
+  }
+  if (load.quantity == Quantity::pressure && !load.point.empty())
+    table.fail("point", "a traction acts on a face; use 'on'");
+  if (load.quantity == Quantity::line_load && !load.point.empty())
+    table.fail("point", "a line load acts on an edge, in 2D on a corner; use 'on'");
+  table.finish();
+  return load;
 }
 
 void read_cable_law(TableReader& table, CableLaw& law, bool takes_EA) {

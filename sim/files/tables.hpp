@@ -1,6 +1,5 @@
 #pragma once
 #include <map>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -51,8 +50,15 @@ std::string known_id(TableReader& table, std::string_view key, const std::vector
 /// Throws InputError when an id stands twice in these lists; `what` says of what they are.
 void refuse_repeated(const std::string& path, const std::vector<std::vector<std::string>>& lists,
                      std::string_view what);
-/// That of `allowed` whose unit ends the text ("2 N": a force).
-std::optional<Quantity> quantity_of_text(const std::string& text, const std::vector<Quantity>& allowed);
+/// That of `allowed` whose unit ends the text of a key ("2 N": a force); `otherwise` is said after the text when there
+/// is none.
+Quantity quantity_of(const TableReader& table, std::string_view key, const std::string& text,
+                     const std::vector<Quantity>& allowed, std::string_view otherwise = "");
+/// That of a control of a setup; pure when there is none of this id.
+Quantity control_quantity(const Setup& setup, const std::string& id);
+
+/// [[load]] to its end. At a bench it may be at a point, and its value may be a column's; in a simulation a control's.
+LoadSettings read_load(TableReader& table, const Setup& setup, Language language);
 
 /// Keys k or EA, slack and smoothing.
 void read_cable_law(TableReader& table, CableLaw& law, bool takes_EA);
