@@ -60,7 +60,8 @@ bool over_time(const RunRecord& record) {
 }
 
 bool over_strain(const RunRecord& record) {
-  return is(drawn_control(record), Quantity::pure);
+  const AxisRecord& control = drawn_control(record);
+  return is(control, Quantity::pure) && control.id == "strain";
 }
 
 const AxisRecord& channel_axis(const RunRecord& record, const std::string& channel) {

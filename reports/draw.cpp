@@ -194,7 +194,8 @@ class Sheet {
     }
     entries.push_back({LegendEntry::heading, "Measured"});
     for (const ChannelSettings& channel : experiment_.channels) {
-      const std::string place = channel.of_place() ? ", mean of " : fmt::format(", {} of ", name_of(channel.kind));
+      const ChannelKind& kind = *channel.kind;
+      const std::string place = kind.on == ChannelKind::On::place ? ", mean of " : fmt::format(", {} of ", kind.name);
       entries.push_back(
           {LegendEntry::point, channel.id + (channel.on.empty() ? "" : place + channel.on), kMeasured, 13});
     }
@@ -275,7 +276,8 @@ class Sheet {
   void add_channels(Page& page, const Window& window, Plots& plots) const {
     Rows rows;
     for (const ChannelSettings& channel : experiment_.channels) {
-      if (channel.of_cable()) continue;  // it is drawn as a cable
+      const ChannelKind::On on = channel.kind->on;
+      if (on != ChannelKind::On::place && on != ChannelKind::On::tag) continue;  // a cable is drawn as such
       const Point at = channel.on.empty() ? Point(Point(channel.point[0], channel.point[1]) / kMillimetre)
                                           : place_of(mesh_, mesh_.select(channel.on)).middle;
       if (window.contains(at)) rows.push_back({at.x(), at.y()});

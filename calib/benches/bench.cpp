@@ -9,6 +9,7 @@
 #include "calib/benches/static_replay.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/units.hpp"
+#include "sim/scene/channel_kinds.hpp"
 
 namespace taut {
 
@@ -17,7 +18,7 @@ AxisRecord make_axis(std::string id, Quantity quantity, std::string label) {
 }
 
 AxisRecord make_axis(const ChannelSettings& channel) {
-  return make_axis(channel.id, quantity_of_si_unit(unit_of(channel.kind)), std::string(name_of(channel.kind)));
+  return make_axis(channel.id, quantity_of_si_unit(channel.kind->unit), std::string(channel.kind->name));
 }
 
 std::vector<int> indices_of(const std::vector<FreeParameter>& free) {
@@ -66,18 +67,6 @@ std::optional<double> Bench::declared_sigma(int channel, double value) const {
   return experiment_.bench.channels[static_cast<size_t>(channel)].noise.sigma(value);
 }
 
-BenchReading& Bench::add_reading(const Reading& reading, int row) {
-  BenchReading& added = readings_.emplace_back();
-  added.line = reading.line;
-  added.trial = reading.trial;
-  added.channel = reading.channel;
-  added.controls = reading.controls;
-  added.value = reading.value;
-  added.sigma = reading.sigma;
-  added.row = row;
-  return added;
-}
-
 std::string Bench::control_text(size_t control, double value) const {
   const std::string& unit = controls_[control].unit;
   if (value != 0) return with_unit(value, unit);
@@ -94,8 +83,8 @@ std::string Bench::describe_control(size_t control, double value) const {
 void add_material_lines(const Experiment& experiment, Lines& lines) {
   for (const MaterialSettings& material : experiment.materials) {
     std::string text = material.law;
-    for (const auto& [id, value] : material.constants)
-      text += fmt::format(", {} = {}", id, with_unit(value, id == "E" ? "Pa" : "1"));
+    for (const ParameterSpec& spec : material_parameters(material.law))
+      text += fmt::format(", {} = {}", spec.id, with_unit(material.constants.at(spec.id), spec.unit));
     if (material.density) text += fmt::format(", density = {}", with_unit(*material.density, "kg/m3"));
     lines.emplace_back("material " + material.region, text);
   }

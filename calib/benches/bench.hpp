@@ -1,11 +1,13 @@
 #pragma once
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
-#include "calib/files/experiment.hpp"
+#include "calib/benches/experiment.hpp"
+#include "calib/data/trials.hpp"
 #include "calib/fit/fit.hpp"
 #include "sim/mesh/mesh.hpp"
 #include "sim/terms/cable.hpp"
@@ -23,16 +25,11 @@ AxisRecord make_axis(std::string id, Quantity quantity, std::string label);
 /// The axis of a channel of an experiment: "displacement", "tension", ...
 AxisRecord make_axis(const ChannelSettings& channel);
 
-/// One measured number of a bench, and the row of its protocol that predicts it.
-struct BenchReading {
-  int line = 0;       ///< in its file, the header is line 1
-  std::string trial;  ///< repeat, or recording
-  int channel = 0;
-  std::vector<double> controls;  ///< SI
-  double value = 0, sigma = 0;   ///< SI
+/// One measured number of a bench (of a recording, its trial), and the row of its protocol that predicts it.
+struct BenchReading : Reading {
   int row = 0;
-  std::string series;       ///< what is held besides the drawn control: "retraction 5.89 mm"; "": nothing
-  double load_newtons = 0;  ///< the drawn control as a force [N], where it is a load
+  std::string series;                  ///< what is held besides the drawn control: "retraction 5.89 mm"; "": nothing
+  std::optional<double> load_newtons;  ///< of a specimen at rest: the drawn control, a load as a force [N]
 };
 
 /// A curve of one channel over the drawn control, everything else held.
@@ -84,6 +81,23 @@ using Lines = std::vector<std::pair<std::string, std::string>>;  ///< label and 
 
 std::vector<int> indices_of(const std::vector<FreeParameter>& free);
 
+struct StaticReplay;
+
+/// What predicts the rows of a bench at rest instead of the full model: cheaper ones, row by row.
+struct ModelChoice {
+  std::unique_ptr<Protocol> protocol;  ///< null: the full model
+  std::string sentence;                ///< what was chosen and why; "": the file asked for it
+  std::function<std::string()> doubt;  ///< what is doubtful of the last prediction, as the end of a sentence, or ""
+};
+
+/// Cheaper models of specimens at rest.
+struct CheaperModels {
+  /// Starts from which a fit is cheaper.
+  std::function<std::vector<FreeParameter>(const Experiment&, const Trials&, const std::vector<FreeParameter>&)> starts;
+  /// What predicts, as the experiment's `model` asks for.
+  std::function<ModelChoice(const Experiment&, const Trials&, const StaticReplay&)> choose;
+};
+
 /// The readings of an experiment, the model that replays them, and what is said of both: what the commands work on,
 /// whatever kind of bench it is. Readings keep the order of their files.
 class Bench {
@@ -101,6 +115,8 @@ class Bench {
   int drawn_control() const { return drawn_control_; }  ///< over which figures are drawn; -1: none
   const std::string& drawn_label() const { return drawn_label_; }
 
+  /// Has cheaper models in its service, where there are such of its kind.
+  virtual void use(const CheaperModels& /*models*/) {}
   /// What predicts the rows.
   virtual Protocol& protocol() const = 0;
   /// The free parameters with starts and bounds. Throws InputError as free_parameters() does.
@@ -125,10 +141,11 @@ class Bench {
   virtual std::unique_ptr<Bench> at_loads(const std::string& path) const;
   virtual std::vector<double> values_of(size_t control) const;  ///< distinct ones, ascending [SI]
 
-  virtual std::string model_text() const = 0;  ///< "quadratic, locking-free, 14 x 5 x 5 cells"
-  virtual int unknowns() const = 0;            ///< of a material point: readings
-  virtual std::string size_text() const = 0;   ///< "16 readings in 8 conditions with 2400 unknowns"
-  virtual Lines describe() const = 0;          ///< mesh, materials, supports, loads, channels
+  virtual std::string fit_name() const { return "this fit"; }  ///< beside its variants
+  virtual std::string model_text() const = 0;                  ///< "quadratic, locking-free, 14 x 5 x 5 cells"
+  virtual int unknowns() const = 0;                            ///< of a material point: readings
+  virtual std::string size_text() const = 0;                   ///< "16 readings in 8 conditions with 2400 unknowns"
+  virtual Lines describe() const = 0;                          ///< mesh, materials, supports, loads, channels
   /// What a reader must know before trusting a prediction (elements that lock), and after it (folded states, slips).
   virtual std::vector<std::string> warnings_before() const { return {}; }
   virtual std::vector<std::string> warnings_after() const { return {}; }
@@ -139,7 +156,7 @@ class Bench {
   virtual std::string compare_models(const Params&, const Eigen::VectorXd& /*values*/, double /*seconds*/) const {
     return "";
   }
-  /// The readings as their file has them, where they were taken at rest on a specimen; else null.
+  /// The readings as their file has them, for who replays them with other meshes; null where that is not done.
   virtual const Trials* trials_at_rest() const { return nullptr; }
   virtual SolvedStates states() const { return {}; }
   virtual std::vector<CableState> cable_states() const { return {}; }
@@ -158,7 +175,6 @@ class Bench {
   std::string describe_control(size_t control, double value) const;
 
  protected:
-  BenchReading& add_reading(const Reading& reading, int row);
   /// "5.89 mm"; zero in the unit of the control's other values.
   std::string control_text(size_t control, double value) const;
 

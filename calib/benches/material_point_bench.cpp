@@ -6,6 +6,7 @@
 #include <set>
 
 #include "sim/core/units.hpp"
+#include "sim/files/tables.hpp"
 #include "sim/terms/solid.hpp"
 
 namespace taut {
@@ -20,7 +21,65 @@ VariantSettings whole_fit(const Experiment& experiment) {
   return fit;
 }
 
+void read_bench(TableReader table, Experiment& experiment) {
+  BenchFormat& bench = experiment.bench;
+  bench.path = path_beside(experiment.path, table.text("file"));
+  bench.trial_column = table.text("trial", "");
+  bench.channel_column = table.text("mode");
+  bench.controls = {{"strain", table.text("strain"), {Quantity::pure}}};
+  bench.value_column = table.text("stress");
+  bench.sigma_column = table.text("sigma", "");
+  bench.ignored = table.texts_or_none("ignore");
+  const InstrumentNoise noise = read_noise(table, Quantity::pressure);
+  if (bench.sigma_column.empty() && !noise.given()) {
+    table.fail("",
+               "the readings have no noise; add for example noise = { relative = \"5 %\", absolute = \"1 kPa\" }, or "
+               "name a 'sigma' column");
+  }
+  table.finish();
+  for (const std::string& mode : mode_names()) bench.channels.push_back({mode, "", Quantity::pressure, noise});
+}
+
+/// What a file with geometry kind "uniaxial" says of its material (one) and its bench.
+void read_uniaxial(TableReader& root, Experiment& experiment) {
+  TableReader geometry = root.table("geometry");
+  geometry.text("kind");
+  geometry.finish();
+  for (auto& [region, table] : root.named_tables("materials")) {
+    MaterialSettings& material = experiment.materials.emplace_back();
+    material.region = region;
+    material.law = table.choice("law", material_laws());
+    material.constants = read_constants(table, material.law);
+    table.finish();
+  }
+  if (experiment.materials.size() != 1)
+    root.fail("", fmt::format("a uniaxial experiment has one material, not {}; give one [materials.NAME]",
+                              experiment.materials.size()));
+  read_bench(root.table("bench"), experiment);
+}
+
+/// Keys law, its constants, and modes; what is missing is that of the material.
+void read_uniaxial_variant(TableReader& table, const Experiment& experiment, VariantSettings& variant) {
+  const MaterialSettings& material = experiment.materials.front();
+  variant.law = table.has("law") ? table.choice("law", material_laws()) : material.law;
+  variant.constants = read_constants(table, variant.law, material.constants);
+  variant.modes = table.texts_or_none("modes");
+  for (const std::string& name : variant.modes) check_id(table, "modes", name, mode_names(), "a mode of loading");
+  if (variant.modes.empty()) variant.modes = mode_names();
+}
+
 }  // namespace
+
+constinit const BenchKind material_point_kind{.name = "uniaxial",
+                                              .about = "a material point",
+                                              .specimen = false,
+                                              .read = read_uniaxial,
+                                              .read_variant = read_uniaxial_variant,
+                                              .open = [](Experiment experiment) -> std::unique_ptr<Bench> {
+                                                Trials trials = read_trials(experiment.bench);
+                                                return std::make_unique<MaterialPointBench>(std::move(experiment),
+                                                                                            std::move(trials));
+                                              }};
 
 MaterialPointBench::MaterialPointBench(Experiment experiment, Trials trials)
     : MaterialPointBench(experiment, std::move(trials), whole_fit(experiment)) {}
@@ -40,7 +99,7 @@ MaterialPointBench::MaterialPointBench(Experiment experiment, Trials trials, con
     const std::string& mode = trials_.channel_ids[static_cast<size_t>(from.channel)];
     if (std::find(fit_.modes.begin(), fit_.modes.end(), mode) == fit_.modes.end()) continue;
     measurements_.push_back(rows_.measurements[i]);
-    add_reading(from, rows_.measurements[i].row);
+    readings_.push_back({from, rows_.measurements[i].row, {}, {}});
   }
 }
 
@@ -93,13 +152,9 @@ std::vector<CurveRecord> MaterialPointBench::curves(const Params& p, const std::
 }
 
 Lines MaterialPointBench::describe() const {
-  const MaterialSettings& material = experiment_.materials.front();
   Lines lines{{"data", experiment_.simulated ? "simulated" : "measured"},
               {"geometry", "material point: homogeneous deformation, free sides in tension and compression"}};
-  std::string text = material.law;
-  for (const ParameterSpec& spec : material_parameters(material.law))
-    text += fmt::format(", {} = {}", spec.id, with_unit(material.constants.at(spec.id), spec.unit));
-  lines.emplace_back("material " + material.region, text);
+  add_material_lines(experiment_, lines);
   for (size_t channel = 0; channel < channels_.size(); ++channel) {
     std::set<double> strains;
     size_t count = 0;

@@ -10,6 +10,8 @@
 
 namespace taut {
 
+extern const BenchKind material_point_kind;
+
 /// Homogeneous tests on a material, without a mesh: geometry kind "uniaxial". Channels are modes of loading, readings
 /// nominal stresses [Pa] over the strain.
 class MaterialPointBench final : public Bench {
@@ -24,6 +26,7 @@ class MaterialPointBench final : public Bench {
                                   const Eigen::MatrixXd& covariance, const Ask& ask) const override;
   bool draws_variants() const override { return true; }
   std::unique_ptr<Bench> with(const VariantSettings& variant) const override;
+  std::string fit_name() const override { return experiment_.materials.front().law; }
   std::string model_text() const override;
   int unknowns() const override { return static_cast<int>(measurements_.size()); }
   std::string size_text() const override;

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <map>
 
-#include "calib/benches/recordings.hpp"
 #include "sim/core/error.hpp"
 #include "sim/shapes/geometry.hpp"
 
@@ -72,7 +71,8 @@ Experiment as_solid(const Experiment& experiment, int depth_cells) {
   };
   if (experiment.geometry.dimension != 2) refuse("an experiment has to be plane, and this one is in space already");
   if (depth_cells < 1) refuse("a body needs at least one layer of elements across half of its thickness");
-  if (experiment.recordings) refuse("an experiment has readings at rest; recordings are replayed by the plane model");
+  if (!experiment.kind->at_rest)
+    refuse("an experiment has readings at rest; recordings are replayed by the plane model");
   if (!experiment.contact.obstacles.empty()) refuse("a body meets grounds, but no obstacles; leave those out");
   if (experiment.contact.form != ContactForm::length_weighted)
     refuse("a body has the contact of the default form; leave 'form' out");
@@ -99,7 +99,7 @@ Experiment as_solid(const Experiment& experiment, int depth_cells) {
     deepen(channel.point);
     deepen(channel.standoff);
     deepen(channel.direction);
-    if (channel.kind == ChannelSettings::Kind::rotation) channel.direction = {0, 0, 1};
+    if (channel.kind->directed == ChannelKind::Directed::in_space) channel.direction = {0, 0, 1};
   }
   deepen(solid.gravity_direction);
   for (GroundSettings& ground : solid.contact.grounds) {
@@ -138,26 +138,21 @@ Setup setup_of(const Experiment& experiment, const MeshSettings& settings, const
   return setup;
 }
 
-BenchModel make_model(const Experiment& experiment, const MeshSettings& settings, const Trials& trials) {
+BenchModel make_model(const Experiment& experiment, const MeshSettings& settings, const Trials& trials,
+                      const std::function<void(SceneBuilder&)>& over_time) {
   if (settings.depth_cells > 0 && experiment.geometry.dimension == 2)
     return make_model(as_solid(experiment, settings.depth_cells), settings, trials);
   BenchModel model;
   SceneOptions options;
-  options.over_time = experiment.recordings.has_value();
+  options.over_time = over_time != nullptr;
   options.rigid_segments = experiment.model == Rung::rigid_segments;
   options.largest_force = largest_force(experiment, trials);
   options.declare = [&](SceneBuilder& builder) {
     if (!experiment.zero_offset_per.empty()) model.zero_offsets = declare_zero_offsets(experiment, trials, builder);
-    if (experiment.recordings)
-      model.recordings = at(experiment, "[bench]", [&] { return declare_recordings(experiment, builder); });
+    if (over_time) over_time(builder);
   };
-  BuiltScene built = build_scene(setup_of(experiment, settings, trials), options);
-  model.scene = std::move(built.scene);
-  for (SceneReading& reading : built.readings) model.channels.push_back(named(std::move(reading)));
-  model.cables = std::move(built.cables);
-  model.controls = std::move(built.controls);
-  model.switched_off_at_rest = std::move(built.off_at_rest);
-  model.contact = built.contact;
+  static_cast<BuiltScene&>(model) = build_scene(setup_of(experiment, settings, trials), options);
+  for (SceneReading& reading : model.readings) model.channels.push_back(named(std::move(reading)));
   return model;
 }
 

@@ -1,13 +1,13 @@
 #pragma once
+#include <functional>
 #include <map>
 #include <memory>
 #include <string>
 #include <vector>
 
-#include "calib/benches/recording_protocol.hpp"
+#include "calib/benches/experiment.hpp"
 #include "calib/benches/static_protocol.hpp"
 #include "calib/data/trials.hpp"
-#include "calib/files/experiment.hpp"
 #include "sim/scene/build_scene.hpp"
 
 namespace taut {
@@ -30,20 +30,16 @@ MeshSettings deepened(const Experiment& experiment, MeshSettings mesh);
 /// says.
 Setup setup_of(const Experiment& experiment, const MeshSettings& settings, const Trials& trials);
 
-/// The model of an experiment and the indices of what its bench sets.
-struct BenchModel {
-  Scene scene;
+/// The model of an experiment: its controls are those of experiment.bench, its readings have become channels.
+struct BenchModel : BuiltScene {
   std::vector<NamedChannel> channels;
-  std::vector<Cable> cables;              ///< as experiment.cables has them
-  std::vector<int> controls;              ///< table index per entry of experiment.bench.controls
-  std::vector<int> switched_off_at_rest;  ///< gravity and constant loads
-  std::vector<Recording> recordings;      ///< as experiment.recordings has them
-  const Contact* contact = nullptr;       ///< lives in the scene; null: there is none, or a 3D one
-  std::map<double, int> zero_offsets;     ///< table index by the value of the control that they go with
+  std::map<double, int> zero_offsets;  ///< table index by the value of the control that they go with
 };
 /// With settings.depth_cells that of as_solid(). `trials` says what each control's column holds (force, mass, ...),
-/// which decides what kind of load it is, and the values it takes. Its readings are not looked at.
-BenchModel make_model(const Experiment& experiment, const MeshSettings& settings, const Trials& trials);
+/// which decides what kind of load it is, and the values it takes. Its readings are not looked at. With `over_time` the
+/// model has inertia and damping, and that function declares parameters of its own.
+BenchModel make_model(const Experiment& experiment, const MeshSettings& settings, const Trials& trials,
+                      const std::function<void(SceneBuilder&)>& over_time = nullptr);
 
 /// Position of a control among experiment.bench.controls.
 size_t position_of_control(const Experiment& experiment, const std::string& id);

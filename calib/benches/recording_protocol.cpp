@@ -3,12 +3,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <limits>
-#include <stdexcept>
-#include <thread>
 
+#include "calib/benches/parallel.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/units.hpp"
 
@@ -118,109 +116,141 @@ std::vector<int> RecordingProtocol::tracked_by(const Trajectory& trajectory, con
   return tracked;
 }
 
-void RecordingProtocol::run(Trajectory& trajectory, const Params& p, const std::vector<int>& free,
-                            Prediction& prediction) const {
-  const Recording& first = recordings_[static_cast<size_t>(trajectory.recordings.front())];
-  trajectory.factorisations = trajectory.steps = 0;
-  trajectory.failure.clear();
-  const std::vector<int> tracked = tracked_by(trajectory, free);
-  const Params held = parameters_of(trajectory, p, true), moving = parameters_of(trajectory, p, false);
-  const Eigen::MatrixXd held_derivative = derivatives_of(trajectory, tracked, true),
-                        moving_derivative = derivatives_of(trajectory, tracked, false);
+/// One trajectory on its way: what it depends on, and the rows that it comes to in order of the time since their
+/// release.
+class RecordingProtocol::Run {
+ public:
+  Run(const RecordingProtocol& of, Trajectory& trajectory, const Params& p, const std::vector<int>& free,
+      Prediction& prediction)
+      : of_(of),
+        trajectory_(trajectory),
+        p_(p),
+        free_(free),
+        prediction_(prediction),
+        tracked_(of.tracked_by(trajectory, free)),
+        held_(of.parameters_of(trajectory, p, true)),
+        moving_(of.parameters_of(trajectory, p, false)),
+        held_derivative_(of.derivatives_of(trajectory, tracked_, true)),
+        moving_derivative_(of.derivatives_of(trajectory, tracked_, false)),
+        order_(trajectory.rows) {
+    trajectory.factorisations = trajectory.steps = 0;
+    trajectory.failure.clear();
+    std::stable_sort(order_.begin(), order_.end(), [&](int a, int b) { return since_release(a) < since_release(b); });
+  }
 
-  // Rows in order of the time since their release.
-  const auto since_release = [&](int row) {
-    const RecordingRow& r = rows_[static_cast<size_t>(row)];
-    const int release = recordings_[static_cast<size_t>(r.recording)].release;
-    return r.time - (release < 0 ? 0.0 : p[release]);
-  };
-  std::vector<int> order = trajectory.rows;
-  std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return since_release(a) < since_release(b); });
-  size_t next = 0;
+  void go() {
+    const bool from_rest = recording(trajectory_.recordings.front()).held.empty();
+    TimeStepperOptions options;
+    options.integrator = of_.options_.integrator;
+    options.equilibrium = of_.options_.equilibrium;
+    options.step = from_rest ? of_.options_.step : kQuasiStatic;  // the longest; each is ended below
+    options.shortest = 1e-6 * of_.options_.step / options.step;
+    TimeStepper stepper(*of_.scene_.model, options);
+    released_ = from_rest;
+    if (!tracked_.empty()) {
+      stepper.track(static_cast<int>(tracked_.size()),
+                    [&](double) { return released_ ? moving_derivative_ : held_derivative_; });
+    }
+    const Eigen::VectorXd zero = Eigen::VectorXd::Zero(of_.scene_.model->unknowns());
+    if (from_rest)
+      stepper.start(0, zero, zero, [&](double) { return moving_; });
+    else if (!release_from_equilibrium(stepper, zero))
+      return;
+    const Instant start = now(stepper);
+    while (next_ < order_.size() && since_release(order_[next_]) <= 0)
+      read(order_[next_++], start.u, zero, start.du, held_, held_derivative_);
+    follow(stepper, start);
+  }
 
-  const auto read = [&](int row, const Eigen::VectorXd& u, const Eigen::VectorXd& rate, const Eigen::MatrixXd& du,
-                        const Params& q, const Eigen::MatrixXd& dq) {
-    const RecordingRow& r = rows_[static_cast<size_t>(row)];
-    const Channel& channel = *channels_[static_cast<size_t>(r.channel)].channel;
+ private:
+  const Recording& recording(int r) const { return of_.recordings_[static_cast<size_t>(r)]; }
+  const RecordingRow& row(int r) const { return of_.rows_[static_cast<size_t>(r)]; }
+  double since_release(int r) const {
+    const int release = recording(row(r).recording).release;
+    return row(r).time - (release < 0 ? 0.0 : p_[release]);
+  }
+
+  void read(int r, const Eigen::VectorXd& u, const Eigen::VectorXd& rate, const Eigen::MatrixXd& du, const Params& q,
+            const Eigen::MatrixXd& dq) {
+    const Channel& channel = *of_.channels_[static_cast<size_t>(row(r).channel)].channel;
     const Point at{u, q};
-    prediction.values[row] = channel.value(at);
-    if (free.empty()) return;
+    prediction_.values[r] = channel.value(at);
+    if (free_.empty()) return;
     const Eigen::VectorXd gradient = channel.gradient(at);
-    prediction.derivatives.row(row).setZero();
-    for (size_t j = 0; j < free.size(); ++j) {
-      double& out = prediction.derivatives(row, static_cast<Eigen::Index>(j));
-      if (recordings_[static_cast<size_t>(r.recording)].release == free[j]) out = -gradient.dot(rate);
-      const auto found = std::find(tracked.begin(), tracked.end(), free[j]);
-      if (found == tracked.end()) continue;
-      const Eigen::Index column = found - tracked.begin();
+    prediction_.derivatives.row(r).setZero();
+    for (size_t j = 0; j < free_.size(); ++j) {
+      double& out = prediction_.derivatives(r, static_cast<Eigen::Index>(j));
+      if (recording(row(r).recording).release == free_[j]) out = -gradient.dot(rate);
+      const auto found = std::find(tracked_.begin(), tracked_.end(), free_[j]);
+      if (found == tracked_.end()) continue;
+      const Eigen::Index column = found - tracked_.begin();
       out = gradient.dot(du.col(column));
       for (int k = 0; k < dq.rows(); ++k) {
         if (dq(k, column) != 0) out += dq(k, column) * channel.parameter_derivative(at, k);
       }
     }
-  };
-
-  const Eigen::VectorXd zero = Eigen::VectorXd::Zero(scene_.model->unknowns());
-  TimeStepperOptions options;
-  options.integrator = options_.integrator;
-  options.equilibrium = options_.equilibrium;
-  options.step = first.held.empty() ? options_.step : kQuasiStatic;  // the longest; each is ended below
-  options.shortest = 1e-6 * options_.step / options.step;
-  TimeStepper stepper(*scene_.model, options);
-  bool released = first.held.empty();
-  if (!tracked.empty()) {
-    stepper.track(static_cast<int>(tracked.size()),
-                  [&](double) { return released ? moving_derivative : held_derivative; });
   }
-  if (released) {
-    stepper.start(0, zero, zero, [&](double) { return moving; });
-  } else {
-    Params rest = held;
-    for (int index : off_at_rest_) rest[index] = 0;
-    Equilibrium equilibrium(*scene_.model, options_.equilibrium);
+
+  /// False when there is no equilibrium to be let go from.
+  bool release_from_equilibrium(TimeStepper& stepper, const Eigen::VectorXd& zero) {
+    Params rest = held_;
+    for (int index : of_.off_at_rest_) rest[index] = 0;
+    Equilibrium equilibrium(*of_.scene_.model, of_.options_.equilibrium);
     equilibrium.start_at_rest(rest);
-    const SolveReport& solve = equilibrium.solve(held);
-    trajectory.factorisations += solve.factorisations;
+    const SolveReport& solve = equilibrium.solve(held_);
+    trajectory_.factorisations += solve.factorisations;
     if (solve.status != SolveStatus::converged) {
-      trajectory.failure = "no equilibrium while it is held: " + solve.message();
-      return;
+      trajectory_.failure = "no equilibrium while it is held: " + solve.message();
+      return false;
     }
-    stepper.start(-kQuasiStatic, equilibrium.u(), zero, [&](double) { return released ? moving : held; });
+    stepper.start(-kQuasiStatic, equilibrium.u(), zero, [&](double) { return released_ ? moving_ : held_; });
     if (!stepper.advance(0)) {
-      trajectory.failure = fmt::format("no equilibrium while it is held: {}", name_of(stepper.report().status));
-      return;
+      trajectory_.failure = fmt::format("no equilibrium while it is held: {}", name_of(stepper.report().status));
+      return false;
     }
     stepper.restart();
-    released = true;
+    released_ = true;
+    return true;
   }
-  Instant before = now(stepper);
-  while (next < order.size() && since_release(order[next]) <= 0)
-    read(order[next++], before.u, zero, before.du, held, held_derivative);
 
-  for (int n = 1; next < order.size(); ++n) {
-    const double end = n * options_.step;
-    while (next < order.size() && stepper.t() < end) {
-      if (!stepper.advance(end)) {
-        trajectory.factorisations += stepper.report().factorisations;
-        trajectory.failure = fmt::format("the step at {} after the release failed: {}", with_unit(stepper.t(), "s"),
-                                         name_of(stepper.report().status));
-        return;
+  void follow(TimeStepper& stepper, Instant before) {
+    for (int n = 1; next_ < order_.size(); ++n) {
+      const double end = n * of_.options_.step;
+      while (next_ < order_.size() && stepper.t() < end) {
+        if (!stepper.advance(end)) {
+          trajectory_.factorisations += stepper.report().factorisations;
+          trajectory_.failure = fmt::format("the step at {} after the release failed: {}", with_unit(stepper.t(), "s"),
+                                            name_of(stepper.report().status));
+          return;
+        }
+        Instant after = now(stepper);
+        const double h = after.t - before.t;
+        for (; next_ < order_.size() && since_release(order_[next_]) <= after.t; ++next_) {
+          const double s = (since_release(order_[next_]) - before.t) / h;
+          const Eigen::MatrixXd du =
+              tracked_.empty() ? Eigen::MatrixXd() : between(s, h, before.du, before.dv, after.du, after.dv);
+          read(order_[next_], between(s, h, before.u, before.v, after.u, after.v), rate_between(s, h, before, after),
+               du, moving_, moving_derivative_);
+        }
+        before = std::move(after);
       }
-      Instant after = now(stepper);
-      const double h = after.t - before.t;
-      for (; next < order.size() && since_release(order[next]) <= after.t; ++next) {
-        const double s = (since_release(order[next]) - before.t) / h;
-        const Eigen::MatrixXd du =
-            tracked.empty() ? Eigen::MatrixXd() : between(s, h, before.du, before.dv, after.du, after.dv);
-        read(order[next], between(s, h, before.u, before.v, after.u, after.v), rate_between(s, h, before, after), du,
-             moving, moving_derivative);
-      }
-      before = std::move(after);
     }
+    trajectory_.factorisations += stepper.report().factorisations;
+    trajectory_.steps = stepper.report().steps;
   }
-  trajectory.factorisations += stepper.report().factorisations;
-  trajectory.steps = stepper.report().steps;
-}
+
+  const RecordingProtocol& of_;
+  Trajectory& trajectory_;
+  const Params& p_;
+  const std::vector<int>& free_;
+  Prediction& prediction_;
+  std::vector<int> tracked_;
+  Params held_, moving_;
+  Eigen::MatrixXd held_derivative_, moving_derivative_;
+  std::vector<int> order_;
+  size_t next_ = 0;
+  bool released_ = false;
+};
 
 Prediction RecordingProtocol::predict(const Params& p, const std::vector<int>& free) {
   constexpr double nan = std::numeric_limits<double>::quiet_NaN();
@@ -230,25 +260,8 @@ Prediction RecordingProtocol::predict(const Params& p, const std::vector<int>& f
     prediction.derivatives = Eigen::MatrixXd::Constant(row_count(), static_cast<Eigen::Index>(free.size()), nan);
 
   // Trajectories have rows of their own, so which thread runs one, and when, does not matter.
-  const int cores = options_.threads > 0 ? options_.threads : static_cast<int>(std::thread::hardware_concurrency());
-  const size_t count = static_cast<size_t>(std::clamp(cores, 1, std::max(1, trajectories())));
-  std::atomic<size_t> next{0};
-  std::vector<std::exception_ptr> errors(count);
-  auto work = [&](size_t thread) {
-    try {
-      for (size_t i = next++; i < trajectories_.size(); i = next++) run(trajectories_[i], p, free, prediction);
-    } catch (...) {
-      errors[thread] = std::current_exception();
-    }
-  };
-  std::vector<std::thread> threads;
-  for (size_t i = 1; i < count; ++i) threads.emplace_back(work, i);
-  work(0);
-  for (std::thread& thread : threads) thread.join();
-  for (const std::exception_ptr& error : errors) {
-    if (error) std::rethrow_exception(error);
-  }
-
+  in_parallel(trajectories_.size(), options_.threads,
+              [&](size_t i) { Run(*this, trajectories_[i], p, free, prediction).go(); });
   for (const Trajectory& trajectory : trajectories_) {
     factorisations_ += trajectory.factorisations;
     steps_ += trajectory.steps;

@@ -71,7 +71,7 @@ class RecordingProtocol final : public Protocol {
   Params parameters_of(const Trajectory& trajectory, const Params& p, bool held) const;
   Eigen::MatrixXd derivatives_of(const Trajectory& trajectory, const std::vector<int>& tracked, bool held) const;
   std::vector<int> tracked_by(const Trajectory& trajectory, const std::vector<int>& free) const;
-  void run(Trajectory& trajectory, const Params& p, const std::vector<int>& free, Prediction& prediction) const;
+  class Run;
 
   Scene scene_;
   std::vector<NamedChannel> channels_;

@@ -8,11 +8,109 @@
 #include <set>
 
 #include "calib/data/csv_table.hpp"
-#include "calib/files/recordings_file.hpp"
 #include "sim/core/error.hpp"
+#include "sim/files/tables.hpp"
+#include "sim/scene/channel_kinds.hpp"
 
 namespace taut {
 namespace {
+
+void read_dynamics(TableReader& root, Experiment& experiment, RecordingsSettings& settings) {
+  TableReader table = root.table("dynamics");
+  settings.integrator = table.choice<Integrator>(
+      "integrator", {{"bdf2", Integrator::bdf2}, {"implicit_euler", Integrator::implicit_euler}});
+  settings.step = table.positive("step", Quantity::time, "step");
+  experiment.mass = read_mass_form(table);
+  table.finish();
+  for (const MaterialSettings& material : experiment.materials) {
+    if (!material.density)
+      throw InputError(
+          fmt::format("{}: [materials.{}]: recordings over time need a density; add for example density = "
+                      "\"1070 kg/m3\"",
+                      experiment.path, material.region));
+  }
+  read_damping(root, experiment);
+}
+
+/// Channels whose readings over time would not be what the model shows.
+void check_channels(const TableReader& table, const Experiment& experiment, bool from_rest) {
+  for (const ChannelSettings& channel : experiment.channels) {
+    const ChannelKind& kind = *channel.kind;
+    if (kind.known != ChannelKind::Known::always)
+      throw InputError(
+          fmt::format("{}: [[channel]] '{}': a {} {}, without what inertia adds; recordings take other kinds",
+                      experiment.path, channel.id, kind.name, kind.why));
+    if (from_rest && !kind.from_rest)
+      table.fail("reference",
+                 fmt::format("'{}' is a {}, which is not measured from rest; leave this out", channel.id, kind.name));
+  }
+}
+
+/// A table of values of loads, { tip_load = "52 g" }.
+std::map<std::string, double> read_values(TableReader& table, std::string_view key, const Experiment& experiment) {
+  std::map<std::string, double> values;
+  auto loads = table.optional_table(key);
+  if (!loads) return values;
+  for (const LoadSettings& load : experiment.loads) {
+    if (loads->has(load.id)) values[load.id] = loads->quantity(load.id, load.quantity);
+  }
+  loads->finish();
+  return values;
+}
+
+/// Keys that [bench] gives for all recordings, and each of them for itself.
+void read_window(TableReader& table, const BenchFormat& bench, RecordingSettings& settings) {
+  if (const auto from = table.optional_quantity("from", Quantity::time)) settings.from = *from;
+  if (const auto until = table.optional_quantity("until", Quantity::time)) settings.until = *until;
+  settings.every = table.integer("every", settings.every, 1);
+  const Quantity quantity = bench.channels.front().quantity;
+  if (const auto sigma = table.optional_quantity("sigma", quantity)) {
+    for (const BenchFormat::Channel& channel : bench.channels) {
+      if (channel.quantity != quantity)
+        table.fail("sigma", fmt::format("'{}' and '{}' are different quantities; give each [[channel]] its noise",
+                                        bench.channels.front().id, channel.id));
+    }
+    if (!(*sigma > 0)) table.fail("sigma", "a standard deviation is positive");
+    settings.sigma = *sigma;
+  }
+}
+
+RecordingSettings read_recording(TableReader& table, const RecordingSettings& common, const Experiment& experiment) {
+  RecordingSettings recording = common;
+  recording.path = path_beside(experiment.path, table.text("file"));
+  recording.case_id = table.text("case");
+  recording.trial = table.text("trial", "");
+  recording.id = recording.case_id + (recording.trial.empty() ? "" : "_" + recording.trial);
+  recording.loads = read_values(table, "loads", experiment);
+  recording.held = read_values(table, "held", experiment);
+  recording.release = table.optional_quantity("release", Quantity::time).value_or(0);
+  read_window(table, experiment.bench, recording);
+  if (!(recording.from < recording.until)) table.fail("", "'from' must be earlier than 'until'");
+  for (const auto& [id, value] : recording.held) {
+    if (recording.loads.count(id) > 0)
+      table.fail("held", fmt::format("'{}' is among 'loads' too; a load either stays or goes at the release", id));
+  }
+  table.finish();
+  for (const BenchFormat::Channel& channel : experiment.bench.channels) {
+    if (recording.sigma == 0 && !channel.noise.given())
+      throw InputError(
+          fmt::format("{}: recording '{}' has no noise; add for example sigma = \"0.2 mm\" to it or to "
+                      "[bench], or noise to [[channel]] '{}'",
+                      experiment.path, recording.id, channel.id));
+  }
+  return recording;
+}
+
+/// What a case may have for itself: constants of materials and damping, by their ids in the model.
+std::map<std::string, double> material_values(const Experiment& experiment) {
+  std::map<std::string, double> values;
+  for (const MaterialSettings& material : experiment.materials) {
+    for (const auto& [id, value] : material.constants) values[id + "_" + material.region] = value;
+  }
+  for (const auto& [region, value] : experiment.mass_damping) values["mass_damping_" + region] = value;
+  for (const auto& [region, value] : experiment.stiffness_damping) values["stiffness_damping_" + region] = value;
+  return values;
+}
 
 size_t column_of(const CsvTable& table, const std::string& name) {
   const auto found = std::find(table.header.cells.begin(), table.header.cells.end(), name);
@@ -28,7 +126,7 @@ double number_in(const CsvTable& table, const CsvTable::Row& row, size_t column)
 }
 
 void add_samples(const Experiment& experiment, size_t index, std::vector<Sample>& samples) {
-  const RecordingsSettings& bench = *experiment.recordings;
+  const RecordingsSettings& bench = recordings_of(experiment);
   const RecordingSettings& recording = bench.recordings[index];
   const CsvTable table = read_csv(recording.path);
   check_cell_counts(table);
@@ -80,9 +178,55 @@ void add_samples(const Experiment& experiment, size_t index, std::vector<Sample>
 
 }  // namespace
 
+void read_recordings(TableReader& root, Experiment& experiment) {
+  if (experiment.model != Rung::full)
+    root.fail("model", "recordings over time are replayed by the full model; leave 'model' out");
+  TableReader table = root.table("bench");
+  table.text("kind");
+  RecordingsSettings bench;
+  bench.time_column = table.text("time");
+  parse_header(bench.time_column, {Quantity::time}, table.where("time"));
+  bench.from_mean_before = table.choice<bool>("reference", {{"none", false}, {"before", true}});
+  check_channels(table, experiment, bench.from_mean_before);
+  read_dynamics(root, experiment, bench);
+  const std::map<std::string, double> values = material_values(experiment);
+  std::vector<std::string> allowed;
+  for (const auto& [id, value] : values) allowed.push_back(id);
+  bench.per_case = table.texts_or_none("per_case");
+  for (const std::string& id : bench.per_case) check_id(table, "per_case", id, allowed, "a constant of a material");
+  RecordingSettings common;
+  read_window(table, experiment.bench, common);
+  for (const BenchFormat::Channel& channel : experiment.bench.channels) {
+    if (channel.column.empty())
+      throw InputError(
+          fmt::format("{}: channel '{}': its column in the recordings is missing; add column = \"NAME_mm\"",
+                      experiment.path, channel.id));
+  }
+  if (!experiment.bench.controls.empty())
+    throw InputError(
+        fmt::format("{}: '{}' takes its values from a column, which recordings do not have; give a load "
+                    "'value' and each [[bench.recording]] its own, loads = {{ {} = ... }}",
+                    experiment.path, experiment.bench.controls.front().id, experiment.bench.controls.front().id));
+  for (const LoadSettings& load : experiment.loads) {
+    if (load.quantity == Quantity::mass && load.on.empty())
+      throw InputError(
+          fmt::format("{}: load '{}': a mass that moves hangs on a tag; use 'on'", experiment.path, load.id));
+  }
+  std::set<std::string> ids;
+  for (TableReader& one : table.tables("recording")) {
+    bench.recordings.push_back(read_recording(one, common, experiment));
+    if (!ids.insert(bench.recordings.back().id).second)
+      throw InputError(fmt::format("{}: the recording '{}' is there twice; tell repeats of a case apart by 'trial'",
+                                   experiment.path, bench.recordings.back().id));
+  }
+  if (bench.recordings.empty()) table.fail("", "there is no recording; add [[bench.recording]] with file and case");
+  table.finish();
+  experiment.own = std::move(bench);
+}
+
 std::vector<Sample> read_samples(const Experiment& experiment) {
   std::vector<Sample> samples;
-  for (size_t i = 0; i < experiment.recordings->recordings.size(); ++i) add_samples(experiment, i, samples);
+  for (size_t i = 0; i < recordings_of(experiment).recordings.size(); ++i) add_samples(experiment, i, samples);
   return samples;
 }
 
@@ -96,28 +240,31 @@ std::vector<Recording> declare_recordings(const Experiment& experiment, SceneBui
     spec.meaning += ", " + of;
     return table.contains(spec.id) ? table.index(spec.id) : builder.declare(spec, value);
   };
-  for (const RecordingSettings& settings : experiment.recordings->recordings) {
-    Recording recording;
+  const RecordingsSettings& bench = recordings_of(experiment);
+  for (const RecordingSettings& settings : bench.recordings) {
+    Recording& recording = recordings.emplace_back();
     recording.id = settings.id;
     for (const auto& [id, value] : settings.loads) recording.set.emplace_back(table.index(id), value);
     for (const auto& [id, value] : settings.held) {
       const int index = table.index(id);
       recording.held.emplace_back(index, copy_of(index, settings.id, value));
     }
-    for (const std::string& id : experiment.recordings->per_case) {
+    for (const std::string& id : bench.per_case) {
       const int index = table.index(id);
       recording.takes.emplace_back(index, copy_of(index, settings.case_id, values.at(id)));
     }
     recording.release = builder.declare(
         {"release_" + settings.id, "t0", "s", -1e6, 1e6, "time of the release of " + settings.id}, settings.release);
-    recordings.push_back(std::move(recording));
   }
   return recordings;
 }
 
 RecordingReplay make_recording_replay(const Experiment& experiment, const MeshSettings& settings,
                                       const std::vector<Sample>& samples) {
-  BenchModel model = make_model(experiment, settings, {});
+  std::vector<Recording> recordings;
+  BenchModel model = make_model(experiment, settings, {}, [&](SceneBuilder& builder) {
+    recordings = at(experiment, "[bench]", [&] { return declare_recordings(experiment, builder); });
+  });
   RecordingReplay bench;
   std::vector<RecordingRow> rows;
   for (const Sample& sample : samples) {
@@ -126,13 +273,12 @@ RecordingReplay make_recording_replay(const Experiment& experiment, const MeshSe
     bench.measurements.push_back({row, sample.value, sample.sigma, row});
   }
   RecordingProtocol::Options options;
-  options.integrator = experiment.dynamics.integrator;
-  options.step = experiment.dynamics.step;
+  options.integrator = recordings_of(experiment).integrator;
+  options.step = recordings_of(experiment).step;
   options.equilibrium = experiment.equilibrium;
   options.threads = experiment.threads;
-  bench.protocol =
-      std::make_unique<RecordingProtocol>(std::move(model.scene), std::move(model.channels), model.switched_off_at_rest,
-                                          std::move(model.recordings), rows, options);
+  bench.protocol = std::make_unique<RecordingProtocol>(std::move(model.scene), std::move(model.channels),
+                                                       model.off_at_rest, std::move(recordings), rows, options);
   return bench;
 }
 

@@ -1,4 +1,7 @@
 #pragma once
+#include <any>
+#include <limits>
+#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -7,6 +10,40 @@
 #include "calib/benches/static_replay.hpp"
 
 namespace taut {
+
+/// One [[bench.recording]]: a file with a motion, and how that came about.
+struct RecordingSettings {
+  std::string id;  ///< "load52_a": case and trial
+  std::string path, case_id, trial;
+  std::map<std::string, double> loads;  ///< load id to its value in this recording, SI
+  std::map<std::string, double> held;   ///< loads that act until the release only
+  double release = 0;                   ///< [s] on the recording's clock
+  double from = -std::numeric_limits<double>::infinity(), until = std::numeric_limits<double>::infinity();  ///< [s]
+  int every = 1;
+  double sigma = 0;  ///< SI unit of the channels; 0: their noise
+};
+
+/// [bench] with kind = "recordings", and [dynamics]: how they are replayed.
+struct RecordingsSettings {
+  std::string time_column;
+  bool from_mean_before = false;      ///< displacements are measured from the mean before time zero
+  std::vector<std::string> per_case;  ///< parameters that each case has for itself
+  std::vector<RecordingSettings> recordings;
+  Integrator integrator = Integrator::bdf2;
+  double step = 0;  ///< [s]
+};
+
+/// Those of an experiment with recordings.
+inline RecordingsSettings& recordings_of(Experiment& experiment) {
+  return std::any_cast<RecordingsSettings&>(experiment.own);
+}
+inline const RecordingsSettings& recordings_of(const Experiment& experiment) {
+  return std::any_cast<const RecordingsSettings&>(experiment.own);
+}
+
+/// Reads [bench] with kind = "recordings", [dynamics] and [damping.REGION], and checks them against what `experiment`
+/// has already: materials, loads, channels. Throws InputError.
+void read_recordings(TableReader& root, Experiment& experiment);
 
 /// The recordings with parameters of their own: "release_<recording>", "<load>_<recording>" for what holds one, and
 /// "<parameter>_<case>" for what [bench] per_case names.

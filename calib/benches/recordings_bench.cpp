@@ -10,6 +10,24 @@
 #include "sim/core/units.hpp"
 
 namespace taut {
+namespace {
+
+std::vector<std::pair<std::string*, std::string>> files_of(Experiment& experiment) {
+  std::vector<std::pair<std::string*, std::string>> files;
+  for (RecordingSettings& recording : recordings_of(experiment).recordings)
+    files.emplace_back(&recording.path, recording.id + ".csv");
+  return files;
+}
+
+}  // namespace
+
+constinit const BenchKind recordings_kind{.name = "recordings",
+                                          .about = "recordings over time",
+                                          .read = read_recordings,
+                                          .readings = files_of,
+                                          .open = [](Experiment experiment) -> std::unique_ptr<Bench> {
+                                            return std::make_unique<RecordingsBench>(std::move(experiment));
+                                          }};
 
 RecordingsBench::RecordingsBench(Experiment experiment) : RecordingsBench(experiment, read_samples(experiment)) {}
 
@@ -20,15 +38,9 @@ RecordingsBench::RecordingsBench(Experiment experiment, std::vector<Sample> samp
   controls_ = {make_axis("time", Quantity::time, "time")};
   drawn_label_ = "time";
   for (const ChannelSettings& channel : experiment_.channels) channels_.push_back(make_axis(channel));
-  for (size_t i = 0; i < samples_.size(); ++i) {
-    BenchReading& reading = readings_.emplace_back();
-    reading.line = samples_[i].line;
-    reading.trial = reading.series = recording(samples_[i]);
-    reading.channel = samples_[i].channel;
-    reading.controls = {samples_[i].time};
-    reading.value = samples_[i].value;
-    reading.sigma = samples_[i].sigma;
-    reading.row = static_cast<int>(i);
+  for (const Sample& sample : samples_) {
+    const Reading reading{sample.line, recording(sample), {sample.time}, sample.channel, sample.value, sample.sigma};
+    readings_.push_back({reading, static_cast<int>(readings_.size()), reading.trial, {}});
   }
   measurements_ = replay_.measurements;
 }
@@ -107,8 +119,12 @@ std::string RecordingsBench::effort() const {
                      protocol.factorisations());
 }
 
+const std::string& RecordingsBench::recording(const Sample& sample) const {
+  return recordings_of(experiment_).recordings[static_cast<size_t>(sample.recording)].id;
+}
+
 std::string RecordingsBench::recording_text(size_t index) const {
-  const RecordingSettings& recording = experiment_.recordings->recordings[index];
+  const RecordingSettings& recording = recordings_of(experiment_).recordings[index];
   double first = 1e300, last = -1e300;
   int count = 0;
   for (const Sample& sample : samples_) {
@@ -142,11 +158,12 @@ Lines RecordingsBench::describe() const {
   for (const LoadSettings& load : e.loads)
     lines.emplace_back("load " + load.id, fmt::format("{} on {}{}", name_of(load.quantity), load.on,
                                                       load.quantity == Quantity::mass ? ", with its inertia" : ""));
-  lines.emplace_back("integrator", fmt::format("{}, steps of {}",
-                                               e.dynamics.integrator == Integrator::bdf2 ? "BDF2" : "implicit Euler",
-                                               with_unit(e.dynamics.step, "s")));
-  for (size_t r = 0; r < e.recordings->recordings.size(); ++r)
-    lines.emplace_back("recording " + e.recordings->recordings[r].id, recording_text(r));
+  const RecordingsSettings& settings = recordings_of(e);
+  lines.emplace_back("integrator",
+                     fmt::format("{}, steps of {}", settings.integrator == Integrator::bdf2 ? "BDF2" : "implicit Euler",
+                                 with_unit(settings.step, "s")));
+  for (size_t r = 0; r < settings.recordings.size(); ++r)
+    lines.emplace_back("recording " + settings.recordings[r].id, recording_text(r));
   lines.emplace_back("trajectories", std::to_string(replay_.protocol->trajectories()));
   return lines;
 }

@@ -8,6 +8,8 @@
 
 namespace taut {
 
+extern const BenchKind recordings_kind;
+
 /// Motions over time: [bench] with kind = "recordings". One row per sample.
 class RecordingsBench final : public Bench {
  public:
@@ -27,9 +29,7 @@ class RecordingsBench final : public Bench {
   std::string effort() const override;
 
  private:
-  const std::string& recording(const Sample& sample) const {
-    return experiment_.recordings->recordings[static_cast<size_t>(sample.recording)].id;
-  }
+  const std::string& recording(const Sample& sample) const;
   /// Index behind the last sample of the same recording and channel.
   size_t end_of(size_t first) const;
   std::string recording_text(size_t index) const;

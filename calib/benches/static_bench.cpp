@@ -44,10 +44,10 @@ std::string support_text(const SupportSettings& support) {
 }
 
 std::string channel_text(const ChannelSettings& channel) {
-  const std::string what(name_of(channel.kind));
-  std::string text = channel.on.empty()   ? what + " of point (" + list_of(channel.point, "m") + ")"
-                     : channel.of_place() ? "mean " + what + " of " + channel.on
-                                          : what + " of " + channel.on;
+  const std::string what(channel.kind->name);
+  const bool place = channel.kind->on == ChannelKind::On::place;
+  std::string text = channel.on.empty() ? what + " of point (" + list_of(channel.point, "m") + ")"
+                                        : (place ? "mean " : "") + what + " of " + channel.on;
   if (!channel.standoff.empty())
     text += fmt::format(", marker {} off it, turning with {}", list_of(channel.standoff, "m"), channel.turns_with);
   return text;
@@ -60,6 +60,15 @@ Experiment with_own_mesh(Experiment experiment) {
 }
 
 }  // namespace
+
+constinit const BenchKind static_kind{.name = "readings",
+                                      .about = "readings at rest",
+                                      .at_rest = true,
+                                      .read = read_readings,
+                                      .open = [](Experiment experiment) -> std::unique_ptr<Bench> {
+                                        Trials trials = read_trials(experiment.bench);
+                                        return std::make_unique<StaticBench>(std::move(experiment), std::move(trials));
+                                      }};
 
 StaticBench::StaticBench(Experiment experiment, Trials trials)
     : Bench(with_own_mesh(std::move(experiment))),
@@ -90,11 +99,9 @@ void StaticBench::find_axes() {
 void StaticBench::find_readings() {
   for (size_t i = 0; i < trials_.readings.size(); ++i) {
     const Reading& from = trials_.readings[i];
-    BenchReading& reading = add_reading(from, replay_.row_of_reading[i]);
-    if (drawn_control_ >= 0) {
-      const size_t k = static_cast<size_t>(drawn_control_);
-      reading.load_newtons = as_force(k, from.controls[k]);
-    }
+    BenchReading& reading = readings_.emplace_back(BenchReading{from, replay_.row_of_reading[i], {}, {}});
+    const size_t k = static_cast<size_t>(std::max(drawn_control_, 0));
+    reading.load_newtons = drawn_control_ < 0 ? 0.0 : as_force(k, from.controls[k]);
   }
   for (BenchReading& reading : readings_) reading.series = series_of(reading.controls);
   measurements_ = replay_.measurements;
@@ -363,12 +370,10 @@ std::vector<TangentStiffness> StaticBench::tangent_stiffness() const {
   for (const LoadSettings& load : experiment_.loads) {
     const bool force = load.quantity == Quantity::force || load.quantity == Quantity::mass;
     if (!force || load.column.empty() || mesh.dimension() != experiment_.geometry.dimension) continue;
-    const Eigen::VectorXd direction =
-        Eigen::Map<const Eigen::VectorXd>(load.direction.data(), static_cast<Eigen::Index>(load.direction.size()));
-    const Eigen::VectorXd point =
-        Eigen::Map<const Eigen::VectorXd>(load.point.data(), static_cast<Eigen::Index>(load.point.size()));
-    const Eigen::VectorXd weights = load.point.empty() ? mean_weights(mesh, mesh.select(load.on), direction)
-                                                       : point_weights(mesh, locate(mesh, point), direction);
+    const Eigen::VectorXd direction = vector_of(load.direction);
+    const Eigen::VectorXd weights = load.point.empty()
+                                        ? mean_weights(mesh, mesh.select(load.on), direction)
+                                        : point_weights(mesh, locate(mesh, vector_of(load.point)), direction);
     const int index = protocol.parameters().index(load.id);
     const double newtons = load.quantity == Quantity::mass ? experiment_.gravity : 1;  // of one unit of the control
     for (const StaticProtocol::Condition& condition : protocol.conditions()) {

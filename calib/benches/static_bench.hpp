@@ -1,5 +1,4 @@
 #pragma once
-#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -9,12 +8,9 @@
 
 namespace taut {
 
-/// What predicts the rows of a bench at rest instead of the full model: cheaper ones, row by row.
-struct ModelChoice {
-  std::unique_ptr<Protocol> protocol;
-  std::string sentence;                ///< what was chosen and why; "": the file asked for it
-  std::function<std::string()> doubt;  ///< what is doubtful of the last prediction, as the end of a sentence, or ""
-};
+extern const BenchKind static_kind;
+/// Reads [bench] of readings at rest. Throws InputError.
+void read_readings(TableReader& root, Experiment& experiment);
 
 /// Readings at rest: loads, prescribed displacements and retractions in the columns of one file. With
 /// model = "rigid_segments" or "solid" that model is the full one here.
@@ -23,18 +19,14 @@ class StaticBench final : public Bench {
   /// Throws InputError.
   StaticBench(Experiment experiment, Trials trials);
 
-  void predict_by(ModelChoice choice) { choice_ = std::move(choice); }
-  /// How better starts of a fit are found.
-  using Starts =
-      std::function<std::vector<FreeParameter>(const Experiment&, const Trials&, const std::vector<FreeParameter>&)>;
-  void start_by(Starts starts) { starts_ = std::move(starts); }
-  const Trials& trials() const { return trials_; }
+  void use(const CheaperModels& models) override {
+    models_ = models;
+    choice_ = models.choose(experiment_, trials_, replay_);
+  }
   const Trials* trials_at_rest() const override { return &trials_; }
-  const StaticReplay& full() const { return replay_; }
-
   Protocol& protocol() const override { return choice_.protocol ? *choice_.protocol : *replay_.protocol; }
   std::vector<FreeParameter> better_starts(const std::vector<FreeParameter>& free) const override {
-    return starts_ ? starts_(experiment_, trials_, free) : free;
+    return models_.starts ? models_.starts(experiment_, trials_, free) : free;
   }
   std::vector<CurveRecord> curves(const Params& p, const std::vector<FreeParameter>& free,
                                   const Eigen::MatrixXd& covariance, const Ask& ask) const override;
@@ -70,7 +62,7 @@ class StaticBench final : public Bench {
   Trials trials_;
   StaticReplay replay_;
   ModelChoice choice_;
-  Starts starts_;
+  CheaperModels models_;
   std::string model_text_;
 };
 

@@ -4,11 +4,10 @@
 
 #include <algorithm>
 #include <array>
-#include <exception>
 #include <limits>
 #include <map>
-#include <thread>
 
+#include "calib/benches/parallel.hpp"
 #include "calib/fit/bytes.hpp"
 #include "sim/core/units.hpp"
 #include "sim/terms/solid.hpp"
@@ -227,30 +226,43 @@ void StaticProtocol::solve_path(Path& path, const Params& p, const std::vector<i
   }
 }
 
-Prediction StaticProtocol::predict(const Params& p, const std::vector<int>& free) {
-  // Each path depends on its own past only, so which thread solves it, and when, does not matter.
-  const int cores = options_.threads > 0 ? options_.threads : static_cast<int>(std::thread::hardware_concurrency());
-  const size_t count_of_threads =
-      static_cast<size_t>(std::clamp(cores, 1, std::max(1, static_cast<int>(paths_.size()))));
-  // The dearest first, so that threads end together.
-  std::stable_sort(paths_.begin(), paths_.end(), [](const Path& a, const Path& b) { return a.cost > b.cost; });
-  std::atomic<size_t> next{0};
-  std::vector<std::exception_ptr> errors(count_of_threads);
-  auto work = [&](size_t thread) {
-    try {
-      for (size_t i = next++; i < paths_.size(); i = next++) solve_path(paths_[i], p, free);
-    } catch (...) {
-      errors[thread] = std::current_exception();
+/// Value and derivatives of a row, where its equilibria were found.
+void StaticProtocol::read_row(Eigen::Index r, const Params& p, const std::vector<int>& free,
+                              Prediction& prediction) const {
+  const StaticRow& row = rows_[static_cast<size_t>(r)];
+  const Channel& channel = *channels_[static_cast<size_t>(row.channel)].channel;
+  const Condition& condition = conditions_[static_cast<size_t>(condition_of_row_[static_cast<size_t>(r)])];
+  const Condition* unloaded = condition.unloaded < 0 ? nullptr : &conditions_[static_cast<size_t>(condition.unloaded)];
+  const auto converged = [](const Condition& c) { return c.report.status == SolveStatus::converged; };
+  if (!converged(condition) || (unloaded != nullptr && !converged(*unloaded))) return;
+  const auto k = static_cast<Eigen::Index>(free.size());
+  const Point at{condition.u, condition.p};
+  prediction.values[r] = channel.value(at);
+  if (k > 0) prediction.derivatives.row(r) = channel.gradient(at).transpose() * condition.sensitivities;
+  for (Eigen::Index i = 0; i < k; ++i)
+    prediction.derivatives(r, i) += channel.parameter_derivative(at, free[static_cast<size_t>(i)]);
+  if (unloaded != nullptr) {
+    const Point before{unloaded->u, unloaded->p};
+    prediction.values[r] -= channel.value(before);
+    const Eigen::VectorXd gradient = channel.gradient(before);
+    for (Eigen::Index i = 0; i < k; ++i) {
+      if (held_when_unloaded(free[static_cast<size_t>(i)])) continue;
+      prediction.derivatives(r, i) -= gradient.dot(unloaded->sensitivities.col(i)) +
+                                      channel.parameter_derivative(before, free[static_cast<size_t>(i)]);
     }
-  };
-  std::vector<std::thread> threads;
-  for (size_t i = 1; i < count_of_threads; ++i) threads.emplace_back(work, i);
-  work(0);
-  for (std::thread& thread : threads) thread.join();
-  for (const std::exception_ptr& error : errors) {
-    if (error) std::rethrow_exception(error);
   }
+  if (row.offset < 0) return;
+  prediction.values[r] += p[row.offset];
+  for (Eigen::Index i = 0; i < k; ++i) {
+    if (free[static_cast<size_t>(i)] == row.offset) prediction.derivatives(r, i) += 1;
+  }
+}
 
+Prediction StaticProtocol::predict(const Params& p, const std::vector<int>& free) {
+  // The dearest first, so that threads end together. Each path depends on its own past only, so which thread solves
+  // it, and when, does not matter.
+  std::stable_sort(paths_.begin(), paths_.end(), [](const Path& a, const Path& b) { return a.cost > b.cost; });
+  in_parallel(paths_.size(), options_.threads, [&](size_t i) { solve_path(paths_[i], p, free); });
   Prediction prediction;
   for (const Condition& condition : conditions_) {
     factorisations_ += condition.report.factorisations;
@@ -264,35 +276,7 @@ Prediction StaticProtocol::predict(const Params& p, const std::vector<int>& free
   const Eigen::Index count = row_count(), k = static_cast<Eigen::Index>(free.size());
   prediction.values = Eigen::VectorXd::Constant(count, std::numeric_limits<double>::quiet_NaN());
   if (k > 0) prediction.derivatives = Eigen::MatrixXd::Constant(count, k, std::numeric_limits<double>::quiet_NaN());
-  auto converged = [](const Condition& c) { return c.report.status == SolveStatus::converged; };
-  for (Eigen::Index r = 0; r < count; ++r) {
-    const StaticRow& row = rows_[static_cast<size_t>(r)];
-    const Condition& condition = conditions_[static_cast<size_t>(condition_of_row_[static_cast<size_t>(r)])];
-    const Channel& channel = *channels_[static_cast<size_t>(row.channel)].channel;
-    const Condition* unloaded =
-        condition.unloaded < 0 ? nullptr : &conditions_[static_cast<size_t>(condition.unloaded)];
-    if (!converged(condition) || (unloaded != nullptr && !converged(*unloaded))) continue;
-    const Point at{condition.u, condition.p};
-    prediction.values[r] = channel.value(at);
-    if (k > 0) prediction.derivatives.row(r) = channel.gradient(at).transpose() * condition.sensitivities;
-    for (Eigen::Index i = 0; i < k; ++i)
-      prediction.derivatives(r, i) += channel.parameter_derivative(at, free[static_cast<size_t>(i)]);
-    if (unloaded != nullptr) {
-      const Point before{unloaded->u, unloaded->p};
-      prediction.values[r] -= channel.value(before);
-      const Eigen::VectorXd gradient = channel.gradient(before);
-      for (Eigen::Index i = 0; i < k; ++i) {
-        if (held_when_unloaded(free[static_cast<size_t>(i)])) continue;
-        prediction.derivatives(r, i) -= gradient.dot(unloaded->sensitivities.col(i)) +
-                                        channel.parameter_derivative(before, free[static_cast<size_t>(i)]);
-      }
-    }
-    if (row.offset < 0) continue;
-    prediction.values[r] += p[row.offset];
-    for (Eigen::Index i = 0; i < k; ++i) {
-      if (free[static_cast<size_t>(i)] == row.offset) prediction.derivatives(r, i) += 1;
-    }
-  }
+  for (Eigen::Index r = 0; r < count; ++r) read_row(r, p, free, prediction);
   return prediction;
 }
 

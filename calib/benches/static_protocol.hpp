@@ -93,6 +93,7 @@ class StaticProtocol final : public Protocol {
   void solve_condition(Condition& condition, const Params& p, const std::vector<int>& free,
                        Equilibrium& equilibrium) const;
   Eigen::VectorXd predicted_change(const Condition& condition, const Params& to) const;
+  void read_row(Eigen::Index r, const Params& p, const std::vector<int>& free, Prediction& prediction) const;
   std::string describe_parameters(const Params& p) const;
 
   Scene scene_;

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <map>
 
-#include "calib/benches/recordings.hpp"
 #include "sim/core/error.hpp"
 #include "sim/mesh/weights.hpp"
 #include "sim/shapes/geometry.hpp"
@@ -35,13 +34,8 @@ BenchRows rows_of_readings(const Experiment& experiment, const BenchModel& model
 }
 
 StaticReplay make_static_replay(const Experiment& experiment, const MeshSettings& settings, const Trials& trials) {
-  StaticReplay bench;
   BenchModel model = make_model(experiment, settings, trials);
-  BenchRows rows = rows_of_readings(experiment, model, trials);
-  bench.row_of_reading = std::move(rows.row_of_reading);
-  bench.measurements = std::move(rows.measurements);
-  bench.cables = model.cables;
-  bench.contact = model.contact;
+  StaticReplay bench{rows_of_readings(experiment, model, trials), nullptr, model.cables, model.contact};
   StaticProtocol::Options options;
   options.equilibrium = experiment.equilibrium;
   options.threads = experiment.threads;
@@ -52,7 +46,7 @@ StaticReplay make_static_replay(const Experiment& experiment, const MeshSettings
   }
   options.equilibrium.check_path = !options.set_first.empty();
   bench.protocol = std::make_unique<StaticProtocol>(std::move(model.scene), std::move(model.channels), model.controls,
-                                                    model.switched_off_at_rest, std::move(rows.rows), options);
+                                                    model.off_at_rest, bench.rows, options);
   return bench;
 }
 

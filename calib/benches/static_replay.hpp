@@ -15,13 +15,11 @@ struct BenchRows {
 };
 BenchRows rows_of_readings(const Experiment& experiment, const BenchModel& model, const Trials& trials);
 
-/// Readings as rows of a static protocol.
-struct StaticReplay {
+/// Readings as rows of a static protocol, which has them.
+struct StaticReplay : BenchRows {
   std::unique_ptr<StaticProtocol> protocol;
   std::vector<Cable> cables;
   const Contact* contact = nullptr;  ///< of its model, in 2D
-  std::vector<int> row_of_reading;
-  std::vector<Measurement> measurements;
 };
 StaticReplay make_static_replay(const Experiment& experiment, const MeshSettings& settings, const Trials& trials);
 

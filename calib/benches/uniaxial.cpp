@@ -15,6 +15,8 @@
 namespace taut {
 namespace {
 
+constexpr PointMode all_modes[] = {PointMode::tension, PointMode::compression, PointMode::shear};
+
 /// The lateral strain a - 1 at which sides are free; nothing when it is not found. Newton's method on ln a, in which
 /// far stretches are near: dPsi/d ln a = 2 a P_22 on both sides together. The start, a = s^-nu with the law's Poisson's
 /// ratio at rest, is the answer for laws of logarithmic strain, Ogden-Hill among them.
@@ -67,37 +69,31 @@ std::optional<PointStress> stress_at(const PointRow& row, const Params& p) {
   return result;
 }
 
-template <class... Material>
-std::optional<PointStress> stress_of_law(std::tuple<Material...>*, std::string_view law, const PointRow& row,
-                                         const Params& p) {
-  std::optional<PointStress> result;
-  (void)((law == Material::id && (result = stress_at<Material>(row, p), true)) || ...);
-  return result;
+}  // namespace
+
+std::string_view name_of(PointMode mode) {
+  return mode == PointMode::tension ? "tension" : mode == PointMode::compression ? "compression" : "shear";
 }
 
-}  // namespace
+PointMode mode_named(const std::string& name) {
+  return *std::find_if(std::begin(all_modes), std::end(all_modes), [&](PointMode m) { return name_of(m) == name; });
+}
+
+std::vector<std::string> mode_names() {
+  std::vector<std::string> names;
+  for (PointMode mode : all_modes) names.emplace_back(name_of(mode));
+  return names;
+}
 
 UniaxialProtocol::UniaxialProtocol(const std::string& region, const std::string& law,
                                    const std::map<std::string, double>& constants, std::vector<PointRow> rows)
     : law_(law), rows_(std::move(rows)) {
-  std::vector<std::string> known;
-  for (const ParameterSpec& spec : material_parameters(law)) known.push_back(spec.id);
-  for (const auto& [id, value] : constants) {
-    if (std::find(known.begin(), known.end(), id) == known.end())
-      throw InputError(fmt::format("material of region '{}': '{}' has no constant '{}'{}; it has: {}", region, law, id,
-                                   did_you_mean(id, known), join(known)));
-  }
-  nominal_.resize(static_cast<Eigen::Index>(known.size()));
-  for (ParameterSpec spec : material_parameters(law)) {
-    const auto found = constants.find(spec.id);
-    if (found == constants.end())
-      throw InputError(fmt::format("material of region '{}': {} ({}) is missing; law '{}' needs {}", region, spec.id,
-                                   spec.meaning, law, join(known)));
-    spec.id += "_" + region;
-    spec.meaning += " of " + region;
-    const int index = table_.declare(std::move(spec));
-    table_.check(index, found->second);
-    nominal_[index] = found->second;
+  const auto parameters = region_parameters(region, law, constants);
+  nominal_.resize(static_cast<Eigen::Index>(parameters.size()));
+  for (const auto& [spec, value] : parameters) {
+    const int index = table_.declare(spec);
+    table_.check(index, value);
+    nominal_[index] = value;
   }
 }
 
@@ -109,7 +105,7 @@ Prediction UniaxialProtocol::predict(const Params& p, const std::vector<int>& fr
     prediction.derivatives = Eigen::MatrixXd::Constant(row_count(), k, std::numeric_limits<double>::quiet_NaN());
   for (Eigen::Index r = 0; r < row_count(); ++r) {
     const PointRow& row = rows_[static_cast<size_t>(r)];
-    const auto stress = stress_of_law(static_cast<AllMaterials<>*>(nullptr), law_, row, p);
+    const auto stress = with_law(law_, [&](auto material) { return stress_at<decltype(material)>(row, p); });
     if (!stress) {
       std::string at;
       for (int i = 0; i < table_.size(); ++i) at += fmt::format(" {} = {:.6g}", table_[i].id, p[i]);

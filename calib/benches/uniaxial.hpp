@@ -5,12 +5,20 @@
 #include <string_view>
 #include <vector>
 
+#include "calib/benches/experiment.hpp"
 #include "calib/data/trials.hpp"
-#include "calib/files/uniaxial_file.hpp"
 #include "calib/fit/fit.hpp"
 #include "calib/fit/protocol.hpp"
 
 namespace taut {
+
+/// How a material point is loaded. Tension and compression differ in the sign of the strain only.
+enum class PointMode { tension, compression, shear };
+/// "tension", "compression", "shear": the ids under which a bench file names them.
+std::string_view name_of(PointMode mode);
+std::vector<std::string> mode_names();
+/// The reverse, of a name that is one of those.
+PointMode mode_named(const std::string& name);
 
 struct PointRow {
   PointMode mode = PointMode::tension;

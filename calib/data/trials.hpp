@@ -23,6 +23,7 @@ struct InstrumentNoise {
   double relative = 0;    ///< fraction of the reading
   double resolution = 0;  ///< last digit, SI unit of the channel; rounding is uniform, hence / 12
   double sigma(double reading) const;
+  bool given() const { return absolute != 0 || relative != 0 || resolution != 0; }
 };
 
 /// Which column of a bench file means what. Column names are headers as they stand in the file, unit included.

@@ -4,89 +4,25 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <set>
 
-#include "calib/files/fit_tables.hpp"
-#include "calib/files/recordings_file.hpp"
-#include "calib/files/uniaxial_file.hpp"
+#include "calib/files/bench_kinds.hpp"
 #include "sim/core/error.hpp"
 #include "sim/files/geometry_file.hpp"
 #include "sim/files/tables.hpp"
+#include "sim/scene/channel_kinds.hpp"
 
 namespace taut {
 namespace {
 
 namespace fs = std::filesystem;
 
-/// Loads name their unit by their column or value; the unit says what kind of load it is.
-const std::vector<Quantity> load_quantities{Quantity::force, Quantity::mass, Quantity::pressure, Quantity::line_load};
-
-LoadSettings read_load(TableReader& table, const GeometrySettings& geometry) {
-  const size_t d = static_cast<size_t>(geometry.dimension);
-  LoadSettings load;
-  load.id = table.text("id");
-  if (table.has("point") == table.has("on"))
-    table.fail("", "give either 'on' (a tag, or \"a & b\") or 'point' as the place of the load");
-  if (table.has("point")) load.point = table.quantities("point", Quantity::length, d);
-  if (table.has("on")) load.on = table.text("on");
-  load.direction = direction_of(table, geometry.dimension);
-  if (table.has("column") == table.has("value"))
-    table.fail("", "give either 'column' (of the bench file) or 'value' (a constant load)");
-  if (table.has("column")) {
-    load.control = load.id;
-    load.column = table.text("column");
-    load.quantity = parse_header(load.column, load_quantities, table.where("column")).quantity;
-  } else {
-    const std::string value = table.text("value");
-    const auto quantity = quantity_of_text(value, load_quantities);
-    if (!quantity)
-      table.fail("value", fmt::format("'{}' is not a load; give a force (\"2 N\"), a mass (\"100 g\"), a traction (\"3 "
-                                      "kPa\") or a line load (\"5 N/m\")",
-                                      value));
-    load.quantity = *quantity;
-    load.value = parse_quantity(value, load.quantity, table.where("value"));
-  }
-  if (load.quantity == Quantity::pressure && !load.point.empty())
-    table.fail("point", "a traction acts on a face; use 'on'");
-  if (load.quantity == Quantity::line_load && !load.point.empty())
-    table.fail("point", "a line load acts on an edge, in 2D on a corner; use 'on'");
-  table.finish();
-  return load;
-}
-
-/// Where a displacement or a position is measured.
-void read_place(TableReader& table, size_t dimension, ChannelSettings& channel) {
-  if (table.has("point") == table.has("on"))
-    table.fail("",
-               "give either 'point' (a material point) or 'on' (the mean over a tag) as the place that is measured");
-  if (table.has("point")) channel.point = table.quantities("point", Quantity::length, dimension);
-  if (table.has("on")) channel.on = table.text("on");
-  if (!table.has("standoff")) return;
-  if (channel.point.empty()) table.fail("standoff", "a stand-off needs 'point', the foot it stands on");
-  channel.standoff = table.quantities("standoff", Quantity::length, dimension);
-  channel.turns_with = table.text("turns_with");
-}
-
 void read_channel(TableReader& table, Experiment& experiment) {
-  using Kind = ChannelSettings::Kind;
-  const int d = experiment.geometry.dimension;
-  ChannelSettings channel =
-      read_channel(table, experiment, d,
-                   {Kind::displacement, Kind::position, Kind::rotation, Kind::tension, Kind::length, Kind::reaction});
-  if (channel.of_place()) read_place(table, static_cast<size_t>(d), channel);
-  if (channel.kind == Kind::rotation || channel.kind == Kind::reaction) channel.on = table.text("on");
+  ChannelSettings channel = read_channel(table, experiment, Language::bench);
   BenchFormat::Channel& bench = experiment.bench.channels.emplace_back();
   bench.id = channel.id;
-  bench.quantity = quantity_of_si_unit(unit_of(channel.kind));
+  bench.quantity = quantity_of_si_unit(channel.kind->unit);
   bench.column = table.text("column", "");
-  if (auto noise = table.optional_table("noise")) {
-    bench.noise.absolute = noise->optional_quantity("absolute", bench.quantity).value_or(0);
-    bench.noise.relative = noise->optional_quantity("relative", Quantity::pure).value_or(0);
-    bench.noise.resolution = noise->optional_quantity("resolution", bench.quantity).value_or(0);
-    if (bench.noise.absolute < 0 || bench.noise.relative < 0 || bench.noise.resolution < 0)
-      noise->fail("", "noise must not be negative");
-    noise->finish();
-  }
+  bench.noise = read_noise(table, bench.quantity);
   table.finish();
   experiment.channels.push_back(std::move(channel));
 }
@@ -143,46 +79,38 @@ void read_support(TableReader& table, Experiment& experiment) {
 void read_cables(TableReader table, Experiment& experiment) {
   CablesSettings& cables = experiment.cables;
   const GeometrySettings& geometry = experiment.geometry;
-  cables.k = table.optional_quantity("k", Quantity::stiffness);
-  cables.EA = table.optional_quantity("EA", Quantity::force);
-  if (cables.k.has_value() == cables.EA.has_value())
-    table.fail("", "give either k (the stiffness of a whole cable, \"20 kN/m\") or EA (\"1.2 kN\"; k = EA / length)");
-  if (!(cables.k.value_or(1) > 0 && cables.EA.value_or(1) > 0))
-    table.fail(cables.k ? "k" : "EA", "the stiffness must be positive");
-  cables.slack = table.optional_quantity("slack", Quantity::length).value_or(0);
-  cables.smoothing = table.optional_quantity("smoothing", Quantity::length).value_or(cables.smoothing);
-  if (cables.smoothing < 0) table.fail("smoothing", "a length of zero or more belongs here");
+  read_cable_law(table, cables, true);
   const std::vector<std::string> own =
       geometry.shape->defaults().cables ? geometry.shape->cable_names() : std::vector<std::string>{};
   const std::string common = table.has("retraction") ? retraction_control(table, cables) : "";
+  const auto add_own = [&](const std::string& id, const std::string& control) {
+    CableSettings& cable = cables.cables.emplace_back();
+    cable.id = id;
+    cable.control = control;
+    for (const Eigen::VectorXd& point : own_cable(geometry, id)) cable.points.emplace_back(point.begin(), point.end());
+  };
   for (TableReader& one : table.tables("cable")) {
-    CableSettings cable;
-    cable.id = one.text("id");
+    const std::string id = one.text("id");
     for (const CableSettings& other : cables.cables) {
-      if (other.id == cable.id)
-        one.fail("id", fmt::format("the cable '{}' is there already; choose another id", cable.id));
+      if (other.id == id) one.fail("id", fmt::format("the cable '{}' is there already; choose another id", id));
     }
-    cable.control = one.has("retraction") ? retraction_control(one, cables) : common;
+    const std::string control = one.has("retraction") ? retraction_control(one, cables) : common;
     if (!own.empty() && !one.has("x")) {
-      if (std::find(own.begin(), own.end(), cable.id) == own.end())
-        one.fail("id", fmt::format("'{}' has no points; the module's own cables are {}, others need x and y", cable.id,
+      if (std::find(own.begin(), own.end(), id) == own.end())
+        one.fail("id", fmt::format("'{}' has no points; the module's own cables are {}, others need x and y", id,
                                    join(own, " and ")));
-      for (const Eigen::VectorXd& point : own_cable(geometry, cable.id))
-        cable.points.emplace_back(point.begin(), point.end());
+      add_own(id, control);
     } else {
+      CableSettings cable;
+      cable.id = id;
+      cable.control = control;
       read_cable_points(one, geometry.dimension, {"start", "end", "both", "none"}, cable);
+      cables.cables.push_back(std::move(cable));
     }
     one.finish();
-    cables.cables.push_back(cable);
   }
   if (cables.cables.empty()) {
-    for (const std::string& id : own) {
-      CableSettings& cable = cables.cables.emplace_back();
-      cable.id = id;
-      cable.control = common;
-      for (const Eigen::VectorXd& point : own_cable(geometry, id))
-        cable.points.emplace_back(point.begin(), point.end());
-    }
+    for (const std::string& id : own) add_own(id, common);
   }
   if (!common.empty() && std::none_of(cables.cables.begin(), cables.cables.end(),
                                       [&](const CableSettings& cable) { return cable.control == common; }))
@@ -197,11 +125,11 @@ void read_contact(TableReader table, Experiment& experiment) {
   if (!contact.on) return table.finish();  // keys that would have no effect are refused
   if (experiment.geometry.dimension != 2) table.fail("", "contact is for 2D geometries; remove [contact]");
   if (experiment.geometry.shape->defaults().contact) contact.compensate = table.boolean("compensate", true);
-  const std::string form = table.choice("form", {"length_weighted", "pair_sum", "pair_sum_dedup"});
-  if (form != "length_weighted") {
-    contact.form = form == "pair_sum" ? ContactForm::pair_sum : ContactForm::pair_sum_dedup;
-    contact.stiffness = table.quantity("stiffness", Quantity::stiffness);
-    if (!(*contact.stiffness > 0)) table.fail("stiffness", "the stiffness must be positive");
+  contact.form = table.choice<ContactForm>("form", {{"length_weighted", ContactForm::length_weighted},
+                                                    {"pair_sum", ContactForm::pair_sum},
+                                                    {"pair_sum_dedup", ContactForm::pair_sum_dedup}});
+  if (contact.form != ContactForm::length_weighted) {
+    contact.stiffness = table.positive("stiffness", Quantity::stiffness, "stiffness");
   } else if (table.has("stiffness")) {
     table.fail("stiffness", "the barrier's stiffness is set from materials and loads; only the pair sums take one");
   }
@@ -209,74 +137,40 @@ void read_contact(TableReader table, Experiment& experiment) {
   table.finish();
 }
 
-void read_bench(TableReader table, Experiment& experiment) {
-  BenchFormat& bench = experiment.bench;
-  bench.path = path_beside(experiment.path, table.text("file"));
-  bench.trial_column = table.text("trial", "");
-  bench.channel_column = table.text("channel", "");
-  bench.value_column = table.text("value", "");
-  bench.sigma_column = table.text("sigma", "");
-  bench.ignored = table.texts_or_none("ignore");
-  if (bench.channel_column.empty() != bench.value_column.empty())
-    table.fail("", "'channel' and 'value' belong together: the columns that hold a channel's id and its reading");
-  experiment.zero_offset_per = table.text("zero_offset_per", "");
-  if (!experiment.zero_offset_per.empty()) {
-    std::vector<std::string> ids;
-    for (const BenchFormat::Control& control : bench.controls) ids.push_back(control.id);
-    known_id(table, "zero_offset_per", ids, "set by the bench");
-    for (const BenchFormat::Channel& channel : bench.channels) {
-      if (channel.quantity != Quantity::length)
-        table.fail("zero_offset_per",
-                   fmt::format("a zero error is a length that all channels share, and '{}' is none", channel.id));
-    }
-  }
-  experiment.from_unloaded = table.choice("measured_from", {"rest", "unloaded"}) == "unloaded";
-  for (const ChannelSettings& channel : experiment.channels) {
-    if (experiment.from_unloaded && channel.kind == ChannelSettings::Kind::position)
-      table.fail("measured_from", fmt::format("'{}' is a position, which is measured from nowhere; make its kind "
-                                              "\"displacement\", or leave this out",
-                                              channel.id));
-  }
-  table.finish();
-  for (const BenchFormat::Channel& channel : bench.channels) {
-    if (channel.column.empty() == bench.channel_column.empty()) {
-      throw InputError(fmt::format(
-          "{}: channel '{}': {}", experiment.path, channel.id,
-          channel.column.empty() ? "its bench column is missing; add column = \"NAME_mm\", or name the [bench] columns "
-                                   "'channel' and 'value'"
-                                 : "[bench] names a 'channel' column, so channels must not name columns of their own"));
-    }
-    const InstrumentNoise& noise = channel.noise;
-    if (bench.sigma_column.empty() && noise.absolute == 0 && noise.relative == 0 && noise.resolution == 0) {
-      throw InputError(
-          fmt::format("{}: channel '{}' has no noise; add for example noise = {{ absolute = \"0.1 mm\" }} to its "
-                      "[[channel]], or name a 'sigma' column in [bench]",
-                      experiment.path, channel.id));
-    }
-  }
-}
-
 void read_fit(TableReader table, Experiment& experiment) {
-  read_free(table, experiment);
-  experiment.all_profiles = table.choice("profiles", {"doubtful", "all"}) == "all";
-  if (!experiment.recordings) experiment.mesh_share = table.boolean("mesh_share", true);
-  if (auto diagnostic = table.optional_table("diagnostic")) {
-    std::vector<std::string> free, controls;
-    for (const FreeSettings& settings : experiment.free) free.push_back(settings.id);
-    for (const BenchFormat::Control& control : experiment.bench.controls) controls.push_back(control.id);
-    experiment.diagnostic = DiagnosticSettings{known_id(*diagnostic, "parameter", free, "a free parameter of the fit"),
-                                               known_id(*diagnostic, "per", controls, "set by the bench")};
+  const BenchKind& kind = *experiment.kind;
+  for (auto& [id, free] : table.named_tables("free")) {
+    experiment.free.push_back(
+        {id, free.optional_given("start"), free.optional_given("lower"), free.optional_given("upper")});
+    free.finish();
+  }
+  if (kind.specimen) experiment.all_profiles = table.choice<bool>("profiles", {{"doubtful", false}, {"all", true}});
+  if (kind.at_rest) experiment.mesh_share = table.boolean("mesh_share", true);
+  if (auto diagnostic = kind.specimen ? table.optional_table("diagnostic") : std::nullopt) {
+    experiment.diagnostic =
+        DiagnosticSettings{known_id(*diagnostic, "parameter", ids_of(experiment.free), "a free parameter of the fit"),
+                           known_id(*diagnostic, "per", ids_of(experiment.bench.controls), "set by the bench")};
     diagnostic->finish();
   }
-  for (TableReader& variant : table.tables("variant")) {
-    VariantSettings settings;
-    settings.name = variant.text("name");
-    settings.mesh = experiment.mesh;
-    read_mesh(variant, experiment.geometry, settings.mesh);
-    variant.finish();
-    experiment.variants.push_back(settings);
+  for (TableReader& one : table.tables("variant")) {
+    VariantSettings& variant = experiment.variants.emplace_back();
+    variant.name = one.text("name");
+    variant.mesh = experiment.mesh;
+    if (kind.read_variant != nullptr)
+      kind.read_variant(one, experiment, variant);
+    else
+      read_mesh(one, experiment.geometry, variant.mesh);
+    one.finish();
   }
-  read_references(table, experiment);
+  for (TableReader& one : table.tables("reference")) {
+    ReferenceValue reference;
+    reference.parameter = one.text("parameter");
+    if (!one.has("value")) one.fail("", "'value' is missing; add the published value with its unit");
+    reference.value = *one.optional_given("value");
+    reference.source = one.text("source");
+    one.finish();
+    experiment.references.push_back(reference);
+  }
   table.finish();
 }
 
@@ -292,13 +186,7 @@ void read_solver(TableReader table, Experiment& experiment) {
 }
 
 void read_model(TableReader& root, Experiment& experiment) {
-  const std::vector<std::string> names{"full", "beam", "rigid_segments", "solid", "auto"};
-  const std::string name = root.choice("model", names);
-  experiment.model = name == "beam"             ? Rung::beam
-                     : name == "rigid_segments" ? Rung::rigid_segments
-                     : name == "solid"          ? Rung::solid
-                     : name == "auto"           ? Rung::automatic
-                                                : Rung::full;
+  experiment.model = root.choice("model", rungs());
   if (!root.has("tolerance")) return;
   if (experiment.model != Rung::automatic)
     root.fail("tolerance", "it says when model = \"auto\" stops climbing; set that, or leave it out");
@@ -314,21 +202,6 @@ void read_figures(TableReader table, Experiment& experiment) {
                fmt::format("{} is too high for a trend; allowed: 0 (none) to 5", experiment.trend_degree));
   }
   table.finish();
-}
-
-void refuse_repeated_ids(const Experiment& experiment) {
-  std::set<std::string> seen;
-  auto check = [&](const std::string& id) {
-    if (!seen.insert(id).second)
-      throw InputError(fmt::format("{}: the id '{}' is used twice; ids of loads, supports and channels must differ",
-                                   experiment.path, id));
-  };
-  for (const LoadSettings& load : experiment.loads) check(load.id);
-  for (const SupportSettings& support : experiment.supports) {
-    if (!support.control.empty()) check(support.control);
-  }
-  for (const ChannelSettings& channel : experiment.channels) check(channel.id);
-  for (const auto& [id, column] : experiment.cables.columns) check(id);
 }
 
 /// Settings that are right in themselves but change nothing here.
@@ -349,37 +222,15 @@ void refuse_without_effect(const Experiment& experiment) {
   }
 }
 
-}  // namespace
-
-std::string_view name_of(Rung rung) {
-  switch (rung) {
-    case Rung::beam:
-      return "beam";
-    case Rung::rigid_segments:
-      return "rigid_segments";
-    case Rung::full:
-      return "full";
-    case Rung::solid:
-      return "solid";
-    case Rung::automatic:
-      return "auto";
-  }
-  return "";
-}
-
-Experiment read_experiment(const std::string& path) {
-  const TomlFile file(path);
-  if (file.has("simulation"))
-    throw InputError(
-        fmt::format("{0}: this file describes a simulation, without a bench; run `taut simulate {0}`", path));
-  if (file.text_at("geometry", "kind") == "uniaxial") return read_uniaxial(file, path);
-  TableReader root = file.root();
-  Experiment experiment;
-  experiment.path = path;
-  read_head(root, experiment);
+/// What stands in files of all benches with a specimen, but for [bench] and [fit].
+void read_specimen(TableReader& root, Experiment& experiment) {
   read_model(root, experiment);
-
-  experiment.geometry = read_geometry(root.table("geometry"), path);
+  std::vector<std::string> others;
+  for (const BenchKind* kind : bench_kinds) {
+    if (!kind->specimen) others.emplace_back(kind->name);
+  }
+  experiment.geometry = read_geometry(root.table("geometry"), experiment.path, others);
+  experiment.dimension = experiment.geometry.dimension;
   if (auto mesh = root.optional_table("mesh")) {
     read_mesh(*mesh, experiment.geometry, experiment.mesh);
     mesh->finish();
@@ -387,56 +238,81 @@ Experiment read_experiment(const std::string& path) {
     root.table("mesh");  // says that it is missing
   }
   experiment.materials = read_materials(root);
-
   if (auto gravity = root.optional_table("gravity")) read_gravity(*gravity, experiment);
   for (TableReader& table : root.tables("support")) read_support(table, experiment);
   if (experiment.supports.empty())
     root.fail("", "there is no support; add [[support]] with on = \"TAG\" and fix = [\"x\", \"y\"]");
-
-  for (TableReader& table : root.tables("load")) experiment.loads.push_back(read_load(table, experiment.geometry));
+  for (TableReader& table : root.tables("load"))
+    experiment.loads.push_back(read_load(table, experiment, Language::bench));
+  if (auto cables = root.optional_table("cables")) read_cables(*cables, experiment);
+  std::vector<BenchFormat::Control>& controls = experiment.bench.controls;
   for (const LoadSettings& load : experiment.loads) {
-    if (!load.column.empty()) experiment.bench.controls.push_back({load.id, load.column, {load.quantity}});
+    if (!load.column.empty()) controls.push_back({load.id, load.column, {load.quantity}});
   }
   for (const SupportSettings& support : experiment.supports) {
-    if (!support.control.empty())
-      experiment.bench.controls.push_back({support.control, support.column, {Quantity::length}});
+    if (!support.control.empty()) controls.push_back({support.control, support.column, {Quantity::length}});
   }
-
-  if (auto cables = root.optional_table("cables")) read_cables(*cables, experiment);
-  for (const auto& [id, column] : experiment.cables.columns)
-    experiment.bench.controls.push_back({id, column, {Quantity::length}});
+  for (const auto& [id, column] : experiment.cables.columns) controls.push_back({id, column, {Quantity::length}});
   experiment.contact.on = experiment.geometry.shape->defaults().contact;
   if (auto contact = root.optional_table("contact")) read_contact(*contact, experiment);
-
   for (TableReader& table : root.tables("channel")) read_channel(table, experiment);
   if (experiment.channels.empty())
     root.fail("", "there is no channel; add [[channel]] for what is measured, with id, point or on, and direction");
-  refuse_repeated_ids(experiment);
-
-  TableReader bench = root.table("bench");
-  if (bench.choice("kind", {"readings", "recordings"}) == "recordings") {
-    if (experiment.model != Rung::full)
-      root.fail("model", "recordings over time are replayed by the full model; leave 'model' out");
-    read_recordings(std::move(bench), root, experiment);
-  } else {
-    read_bench(std::move(bench), experiment);
+  // Loads without a column are no controls; a retraction may have several cables.
+  std::vector<std::string> held;
+  for (const LoadSettings& load : experiment.loads) {
+    if (load.column.empty()) held.push_back(load.id);
   }
+  refuse_repeated(experiment.path, {ids_of(controls), held, ids_of(experiment.channels)},
+                  "loads, supports and channels");
+}
+
+/// The kind that a file names: in [geometry] where there is no specimen, else in [bench].
+const BenchKind& kind_of(const TomlFile& file) {
+  std::vector<std::pair<std::string, const BenchKind*>> kinds;
+  for (const BenchKind* kind : bench_kinds) {
+    if (kind->specimen) kinds.emplace_back(kind->name, kind);
+    if (!kind->specimen && file.text_at("geometry", "kind") == kind->name) return *kind;
+  }
+  return file.has("bench") ? *file.root().table("bench").choice("kind", kinds) : *kinds.front().second;
+}
+
+/// The files of readings, with the names of their copies in a run folder; the paths may be changed.
+std::vector<std::pair<std::string*, std::string>> readings_of(Experiment& experiment) {
+  if (experiment.kind->readings != nullptr) return experiment.kind->readings(experiment);
+  return {{&experiment.bench.path, "data.csv"}};
+}
+
+}  // namespace
+
+Experiment read_experiment(const std::string& path) {
+  const TomlFile file(path);
+  if (file.has("simulation"))
+    throw InputError(
+        fmt::format("{0}: this file describes a simulation, without a bench; run `taut simulate {0}`", path));
+  TableReader root = file.root();
+  Experiment experiment;
+  experiment.path = path;
+  experiment.kind = &kind_of(file);
+  experiment.title = root.text("title");
+  root.text("data");
+  experiment.simulated = root.choice<bool>("data", {{"measured", false}, {"simulated", true}});
+  if (experiment.kind->specimen) read_specimen(root, experiment);
+  experiment.kind->read(root, experiment);
   if (auto fit = root.optional_table("fit")) read_fit(*fit, experiment);
-  if (auto solver = root.optional_table("solver")) read_solver(*solver, experiment);
-  if (auto figures = root.optional_table("figures")) read_figures(*figures, experiment);
-  refuse_without_effect(experiment);
+  if (experiment.kind->specimen) {
+    if (auto solver = root.optional_table("solver")) read_solver(*solver, experiment);
+    if (auto figures = root.optional_table("figures")) read_figures(*figures, experiment);
+    refuse_without_effect(experiment);
+  }
   root.finish();
   return experiment;
 }
 
 std::vector<RunInput> inputs_of(const Experiment& experiment) {
   std::vector<RunInput> files{{experiment.path, "experiment.toml"}};
-  if (experiment.recordings) {
-    for (const RecordingSettings& recording : experiment.recordings->recordings)
-      files.push_back({recording.path, recording.id + ".csv"});
-  } else {
-    files.push_back({experiment.bench.path, "data.csv"});
-  }
+  Experiment own = experiment;
+  for (const auto& [path, copy] : readings_of(own)) files.push_back({*path, copy});
   if (const std::string mesh = input_file(experiment.geometry); !mesh.empty()) files.push_back({mesh, "mesh.msh"});
   return files;
 }
@@ -444,12 +320,8 @@ std::vector<RunInput> inputs_of(const Experiment& experiment) {
 Experiment read_copies(const std::string& folder) {
   const auto in_folder = [&](const std::string& name) { return (fs::path(folder) / name).string(); };
   Experiment experiment = read_experiment(in_folder("experiment.toml"));
-  experiment.bench.path = in_folder("data.csv");
+  for (const auto& [path, copy] : readings_of(experiment)) *path = in_folder(copy);
   if (!input_file(experiment.geometry).empty()) set_input_file(experiment.geometry, in_folder("mesh.msh"));
-  if (experiment.recordings) {
-    for (RecordingSettings& recording : experiment.recordings->recordings)
-      recording.path = in_folder(recording.id + ".csv");
-  }
   return experiment;
 }
 

@@ -177,7 +177,7 @@ std::vector<Spine> spines_of(const Experiment& experiment) {
 
 /// Everything that no chain of beams has, however it is clamped.
 void check(const Experiment& experiment, const Spine& spine) {
-  if (experiment.recordings)
+  if (!experiment.kind->at_rest)
     refuse(experiment, "[bench]", "a chain of beams has no inertia and takes readings at rest");
   if (!experiment.gravity_direction.empty())
     refuse(experiment, "[gravity]", "a chain of beams has no self-weight; leave its direction out");
@@ -350,9 +350,9 @@ BeamBench make_beam_bench(const Experiment& experiment, const Trials& trials) {
   }
   for (const ChannelSettings& channel : experiment.channels) {
     const std::string part = fmt::format("[[channel]] '{}'", channel.id);
-    if (channel.kind != ChannelSettings::Kind::displacement)
+    if (channel.kind->name != "displacement")
       refuse(experiment, part,
-             fmt::format("a chain of beams shows displacements, and this is a {}", name_of(channel.kind)));
+             fmt::format("a chain of beams shows displacements, and this is a {}", channel.kind->name));
     if (!channel.standoff.empty()) refuse(experiment, part, "a chain of beams carries no markers");
     chain->channels.push_back(
         {seat(experiment, part, channel.on, channel.point, spine.loaded, frame, *chain),

@@ -2,9 +2,6 @@
 
 #include <fmt/format.h>
 
-#include "calib/benches/material_point_bench.hpp"
-#include "calib/benches/recordings_bench.hpp"
-#include "calib/benches/static_bench.hpp"
 #include "calib/models/beam_model.hpp"
 #include "calib/models/ladder.hpp"
 
@@ -25,18 +22,11 @@ ModelChoice beams(const Experiment& experiment, const Trials& trials) {
   return choice;
 }
 
-std::unique_ptr<Bench> open_static(Experiment experiment) {
-  Trials trials = read_trials(experiment.bench);
-  auto bench = std::make_unique<StaticBench>(std::move(experiment), std::move(trials));
-  bench->start_by([](const Experiment& e, const Trials& t, const std::vector<FreeParameter>& free) {
-    return start_by_beams(e, t, free);
-  });
-  if (bench->experiment().model == Rung::beam) bench->predict_by(beams(bench->experiment(), bench->trials()));
-  if (bench->experiment().model == Rung::automatic) {
-    Ladder ladder = climb(bench->experiment(), bench->trials(), bench->full());
-    bench->predict_by({std::move(ladder.protocol), ladder.sentence, {}});
-  }
-  return bench;
+ModelChoice choose(const Experiment& experiment, const Trials& trials, const StaticReplay& full) {
+  if (experiment.model == Rung::beam) return beams(experiment, trials);
+  if (experiment.model != Rung::automatic) return {};
+  Ladder ladder = climb(experiment, trials, full);
+  return {std::move(ladder.protocol), ladder.sentence, {}};
 }
 
 }  // namespace
@@ -48,10 +38,9 @@ std::unique_ptr<Bench> open_bench(const std::string& path, const BenchOptions& o
 std::unique_ptr<Bench> open_bench(Experiment experiment, const BenchOptions& options) {
   experiment.equilibrium.stop = options.stop;
   if (options.threads > 0) experiment.threads = options.threads;
-  if (experiment.recordings) return std::make_unique<RecordingsBench>(std::move(experiment));
-  if (!experiment.material_point) return open_static(std::move(experiment));
-  Trials trials = read_trials(experiment.bench);
-  return std::make_unique<MaterialPointBench>(std::move(experiment), std::move(trials));
+  std::unique_ptr<Bench> bench = experiment.kind->open(std::move(experiment));
+  bench->use({start_by_beams, choose});
+  return bench;
 }
 
 }  // namespace taut

@@ -4,6 +4,7 @@
 #include <string>
 
 #include "calib/benches/bench.hpp"
+#include "calib/files/experiment.hpp"
 
 namespace taut {
 

@@ -95,9 +95,7 @@ class Run {
       fit = fit_logged(bench_, free_, "fit from the file's values", "fit", how);
     fit.search.seconds += start_seconds;
     for (size_t j = 0; j < fit.parameters.size(); ++j) fit.parameters[j].start = free_[j].start;
-    const Experiment& experiment = bench_.experiment();
-    const std::string name = experiment.material_point ? experiment.materials.front().law : "this fit";
-    record_.main = as_variant(name, bench_, fit, fit, watch.seconds());
+    record_.main = as_variant(bench_.fit_name(), bench_, fit, fit, watch.seconds());
     if (fit.predicted.size() > 0) fill_predictions(bench_, fit.predicted, fit.prediction_se, record_);
   }
 
@@ -268,8 +266,8 @@ RunRecord start_record(const Bench& bench) {
                                .sigma = from.sigma,
                                .predicted = not_a_number,
                                .prediction_se = not_a_number});
-    if (bench.trials_at_rest() != nullptr) record.load_newtons.push_back(from.load_newtons);
-    if (!experiment.material_point) record.series.push_back(from.series);
+    if (from.load_newtons) record.load_newtons.push_back(*from.load_newtons);
+    if (experiment.kind->specimen) record.series.push_back(from.series);
   }
   record.remarks = bench.warnings_before();
   for (const ReferenceValue& reference : experiment.references) {

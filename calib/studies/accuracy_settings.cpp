@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "calib/benches/recordings.hpp"
+#include "calib/benches/recordings_bench.hpp"
 #include "calib/studies/accuracy.hpp"
 #include "calib/studies/discretisation.hpp"
 #include "sim/core/error.hpp"
@@ -220,13 +220,14 @@ void add_steps(AccuracyStudy& study, const Experiment& experiment, const MakeSet
   for (Integrator integrator : {Integrator::implicit_euler, Integrator::bdf2}) {
     const std::string name = name_of(integrator);
     for (double factor : {4.0, 2.0, 1.0, 0.5}) {
-      if (integrator == experiment.dynamics.integrator && factor == 1) continue;
+      if (integrator == recordings_of(experiment).integrator && factor == 1) continue;
       Experiment e = experiment;
-      e.dynamics.integrator = integrator;
-      e.dynamics.step = factor * experiment.dynamics.step;
-      AccuracySetting one = setting(name, fmt::format("{}, steps of {}", name, with_unit(e.dynamics.step, "s", 3)), e,
-                                    experiment.mesh, own_work);
-      if (integrator == Integrator::bdf2) one.sequences["step"] = e.dynamics.step;
+      const double step = factor * recordings_of(experiment).step;
+      recordings_of(e).integrator = integrator;
+      recordings_of(e).step = step;
+      AccuracySetting one =
+          setting(name, fmt::format("{}, steps of {}", name, with_unit(step, "s", 3)), e, experiment.mesh, own_work);
+      if (integrator == Integrator::bdf2) one.sequences["step"] = step;
       one.integrator = name;
       add_setting(study, one);
     }
@@ -244,7 +245,7 @@ AccuracyStudy study_of_recordings(const Experiment& experiment) {
   }
   const MakeSetting setting = [&](const std::string& axis, const std::string& name, const Experiment& e,
                                   const MeshSettings& mesh, double factorisation) {
-    AccuracySetting one = named(axis, name, factorisation / e.dynamics.step);
+    AccuracySetting one = named(axis, name, factorisation / recordings_of(e).step);
     one.run = [e, mesh, samples](const std::atomic<bool>& stop) {
       const Experiment own = stoppable(e, stop);
       return replay(own, make_recording_replay(own, mesh, samples));
@@ -253,8 +254,9 @@ AccuracyStudy study_of_recordings(const Experiment& experiment) {
   };
   const auto factors = [](int) { return std::vector{0.5, 0.7, 1.0, 1.4}; };
   add_meshes(study, experiment, factors, setting, [&](AccuracySetting& in_use) {
-    in_use.integrator = name_of(experiment.dynamics.integrator);
-    if (experiment.dynamics.integrator == Integrator::bdf2) in_use.sequences["step"] = experiment.dynamics.step;
+    const RecordingsSettings& own = recordings_of(experiment);
+    in_use.integrator = name_of(own.integrator);
+    if (own.integrator == Integrator::bdf2) in_use.sequences["step"] = own.step;
   });
   add_steps(study, experiment, setting);
   return study;
@@ -424,7 +426,7 @@ void add_gaps_and_tolerances(AccuracyStudy& study, const Simulation& simulation)
 }  // namespace
 
 AccuracyStudy accuracy_study(const Experiment& experiment) {
-  if (experiment.recordings) return study_of_recordings(experiment);
+  if (experiment.kind == &recordings_kind) return study_of_recordings(experiment);
   const Trials trials = read_trials(experiment.bench);
   const StaticReplay bench = make_static_replay(experiment, experiment.mesh, trials);
   AccuracyStudy study = study_of(experiment, *bench.protocol);
@@ -466,7 +468,7 @@ AccuracyStudy accuracy_study(const Simulation& simulation) {
   study.highest_order = {{"mesh", 2}, {"contact gap", 1}, {"step", 2}};
   int curves = 0;
   for (const ChannelSettings& channel : simulation.channels) {
-    if (channel.kind == ChannelSettings::Kind::net_force) continue;
+    if (channel.kind->known == ChannelKind::Known::in_steps) continue;
     study.series.insert(study.series.end(), instants, curves++);
   }
   if (curves == 0)

@@ -123,7 +123,7 @@ struct StaticSubject {
 };
 
 std::shared_ptr<const StaticSubject> subject_of(const Experiment& experiment, const Trials& trials) {
-  if (experiment.recordings)
+  if (!experiment.kind->at_rest)
     throw InputError(
         fmt::format("{}: its bench holds recordings over time; 'taut chart stability' takes benches with "
                     "readings at rest and simulations over time",
@@ -197,7 +197,7 @@ StaticAnswer solve_case(const StaticCase& what, const Trials& trials, const Equi
   answer.equilibrium = std::make_unique<Equilibrium>(*scene.model, stepped);
   Equilibrium& equilibrium = *answer.equilibrium;
   Params rest = scene.values, unloaded;
-  for (int index : answer.model.switched_off_at_rest) rest[index] = 0;
+  for (int index : answer.model.off_at_rest) rest[index] = 0;
   answer.p = scene.values;
   for (size_t k = 0; k < what.controls.size(); ++k) answer.p[answer.model.controls[k]] = what.controls[k];
   unloaded = answer.p;

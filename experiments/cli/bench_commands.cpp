@@ -216,9 +216,9 @@ int check_command(const CommandOptions& options) {
 
 int draw_command(const CommandOptions& options) {
   const Experiment experiment = read_experiment(options.target);
-  if (experiment.material_point)
-    throw InputError(fmt::format("{}: a material point has no specimen to draw; use `taut check` and `taut fit` on it",
-                                 options.target));
+  if (!experiment.kind->specimen)
+    throw InputError(fmt::format("{}: {} has no specimen to draw; use `taut check` and `taut fit` on it",
+                                 options.target, experiment.kind->about));
   const std::string folder = run_folder(options);
   draw_experiment(experiment, make_mesh(experiment, experiment.mesh), folder);
   Json files = Json::array();

@@ -15,7 +15,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 std::vector<StabilityMap> maps_of(const Experiment& experiment) {
-  return stability_maps(experiment, experiment.recordings ? Trials() : read_trials(experiment.bench));
+  return stability_maps(experiment, experiment.kind->at_rest ? read_trials(experiment.bench) : Trials());
 }
 
 std::vector<StabilityMap> maps_of(const Simulation& simulation) {

@@ -27,11 +27,11 @@ std::vector<std::string> files_of(const Simulation& simulation) {
 Charted read_charted(const CommandOptions& options) {
   if (is_simulation(options.target)) return read_simulation(options.target);
   Experiment experiment = read_experiment(options.target);
-  if (experiment.material_point)
-    throw InputError(fmt::format(
-        "{}: a material point has no mesh and no steps to compare; chart an experiment with a specimen or a "
-        "simulation over time",
-        options.target));
+  if (!experiment.kind->specimen)
+    throw InputError(
+        fmt::format("{}: {} has no mesh and no steps to compare; chart an experiment with a specimen or a "
+                    "simulation over time",
+                    options.target, experiment.kind->about));
   if (options.threads > 0) experiment.threads = options.threads;
   return experiment;
 }

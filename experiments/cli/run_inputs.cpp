@@ -5,6 +5,7 @@
 #include <filesystem>
 
 #include "calib/data/files.hpp"
+#include "calib/files/experiment.hpp"
 #include "experiments/cli/version.hpp"
 #include "sim/core/error.hpp"
 

@@ -105,14 +105,11 @@ void read_mesh_key(TableReader& table, const MeshKey& key, int dimension, MeshSe
 
 }  // namespace
 
-GeometrySettings read_geometry(TableReader table, const std::string& path, bool own_plane) {
+GeometrySettings read_geometry(TableReader table, const std::string& path, const std::vector<std::string>& others,
+                               bool own_plane) {
   std::vector<std::string> kinds = shape_kinds();
-  kinds.emplace_back("uniaxial");
+  kinds.insert(kinds.end(), others.begin(), others.end());
   const std::string kind = table.choice("kind", kinds);
-  if (kind == "uniaxial") {
-    table.fail("kind",
-               "a uniaxial experiment has no mesh and no states to show; use `taut check` and `taut fit` on it");
-  }
   std::shared_ptr<Shape> shape = make_shape(kind);
   for (const ShapeKey& key : shape->keys())
     std::visit(KeyReader{table, key, path, static_cast<size_t>(shape->dimension())}, key.value);
@@ -132,17 +129,13 @@ GeometrySettings read_geometry(TableReader table, const std::string& path, bool 
 void read_mesh(TableReader& table, const GeometrySettings& geometry, MeshSettings& settings) {
   for (const MeshKey& key : geometry.shape->mesh_keys()) read_mesh_key(table, key, geometry.dimension, settings);
   if (geometry.dimension == 2) {
-    if (const auto gap = table.optional_quantity("contact_gap", Quantity::length)) {
+    if (const auto gap = table.optional_positive("contact_gap", Quantity::length, "contact gap"))
       settings.contact_gap = *gap;
-      if (!(*gap > 0)) table.fail("contact_gap", "the contact gap must be positive");
-    }
   }
-  if (table.has("element")) settings.order = table.choice("element", {"quadratic", "linear"}) == "linear" ? 1 : 2;
-  if (table.has("formulation")) {
-    settings.formulation = table.choice("formulation", {"standard", "locking_free"}) == "standard"
-                               ? Formulation::standard
-                               : Formulation::locking_free;
-  }
+  if (table.has("element")) settings.order = table.choice<int>("element", {{"quadratic", 2}, {"linear", 1}});
+  if (table.has("formulation"))
+    settings.formulation = table.choice<Formulation>(
+        "formulation", {{"standard", Formulation::standard}, {"locking_free", Formulation::locking_free}});
   if (settings.formulation == Formulation::locking_free && settings.order == 1) {
     table.fail(table.has("formulation") ? "formulation" : "element",
                "locking_free needs quadratic elements; set element = \"quadratic\" or formulation = \"standard\"");

@@ -1,5 +1,6 @@
 #pragma once
 #include <string>
+#include <vector>
 
 #include "sim/files/toml_reader.hpp"
 #include "sim/shapes/geometry.hpp"
@@ -8,8 +9,10 @@
 namespace taut {
 
 /// [geometry], to its end: `kind`, and the keys of that shape. What is left out is the shape's own. `path` is that of
-/// the file. In 2D with `own_plane` it has thickness and plane too.
-GeometrySettings read_geometry(TableReader table, const std::string& path, bool own_plane = true);
+/// the file; `others` are kinds that such a file may have and that are no shapes. In 2D with `own_plane` it has
+/// thickness and plane too.
+GeometrySettings read_geometry(TableReader table, const std::string& path, const std::vector<std::string>& others = {},
+                               bool own_plane = true);
 
 /// Keys of [mesh] and of a [[fit.variant]]; what is missing stays as it is in `settings`.
 void read_mesh(TableReader& table, const GeometrySettings& geometry, MeshSettings& settings);

@@ -4,38 +4,18 @@
 
 #include <algorithm>
 #include <cmath>
-#include <set>
 
 #include "sim/core/error.hpp"
 #include "sim/files/geometry_file.hpp"
 #include "sim/files/tables.hpp"
+#include "sim/scene/channel_kinds.hpp"
 
 namespace taut {
 namespace {
 
 constexpr double max_steps = 1e6;  // all states are kept
-
-/// The quantity of a text, by its unit.
-Quantity quantity_of(const TableReader& table, std::string_view key, const std::string& text,
-                     const std::vector<Quantity>& allowed) {
-  if (const auto quantity = quantity_of_text(text, allowed)) return *quantity;
-  std::vector<std::string> names;
-  for (Quantity quantity : allowed) names.emplace_back(name_of(quantity));
-  table.fail(key, fmt::format("'{}' has not a unit that fits; allowed: {}", text, join(names)));
-}
-
-std::vector<std::string> body_names(const Simulation& simulation) {
-  std::vector<std::string> names;
-  for (const BodySettings& body : simulation.bodies) names.push_back(body.name);
-  return names;
-}
-
-Quantity control_quantity(const Simulation& simulation, const std::string& id) {
-  for (const ControlSettings& control : simulation.controls) {
-    if (control.id == id) return control.quantity;
-  }
-  return Quantity::pure;
-}
+/// What every simulation records.
+const std::vector<std::string> own_series{"time", "kinetic_energy", "potential_energy"};
 
 /// The id of a control of the given quantity.
 std::string control_of(TableReader& table, std::string_view key, const Simulation& simulation, Quantity quantity) {
@@ -47,17 +27,15 @@ std::string control_of(TableReader& table, std::string_view key, const Simulatio
 }
 
 void read_method(TableReader table, Simulation& simulation) {
-  const std::string method =
-      table.choice("integrator", {"implicit_euler", "bdf2", "static", "cvode", "arkode_implicit", "arkode_explicit"});
-  simulation.method = method == "static"            ? SimulationMethod::quasi_static
-                      : method == "bdf2"            ? SimulationMethod::bdf2
-                      : method == "cvode"           ? SimulationMethod::cvode
-                      : method == "arkode_implicit" ? SimulationMethod::arkode_implicit
-                      : method == "arkode_explicit" ? SimulationMethod::arkode_explicit
-                                                    : SimulationMethod::implicit_euler;
-  simulation.duration = table.quantity("duration", Quantity::time);
+  using Method = SimulationMethod;
+  simulation.method = table.choice<Method>("integrator", {{"implicit_euler", Method::implicit_euler},
+                                                          {"bdf2", Method::bdf2},
+                                                          {"static", Method::quasi_static},
+                                                          {"cvode", Method::cvode},
+                                                          {"arkode_implicit", Method::arkode_implicit},
+                                                          {"arkode_explicit", Method::arkode_explicit}});
+  simulation.duration = table.positive("duration", Quantity::time, "duration");
   simulation.step = table.quantity("step", Quantity::time);
-  if (!(simulation.duration > 0)) table.fail("duration", "the duration must be positive");
   if (!(simulation.step > 0 && simulation.step <= simulation.duration))
     table.fail("step", "the step must be positive and not longer than the duration");
   if (simulation.duration / simulation.step > max_steps)
@@ -92,7 +70,7 @@ void read_body(TableReader& table, Simulation& simulation) {
       table.fail("name", fmt::format("the body '{}' is there already; choose another name", body.name));
   }
   const size_t d = static_cast<size_t>(simulation.dimension);
-  body.geometry = read_geometry(table.table("geometry"), simulation.path, false);
+  body.geometry = read_geometry(table.table("geometry"), simulation.path, {}, false);
   if (body.geometry.dimension != simulation.dimension)
     table.fail("geometry", fmt::format("a {}D body in a {}D simulation; set dimension in [simulation]",
                                        body.geometry.dimension, simulation.dimension));
@@ -124,9 +102,7 @@ void read_control(TableReader& table, Simulation& simulation) {
     if (kind == "sine") {
       piece.kind = ControlSchedule::Kind::sine;
       piece.amplitude = one.quantity("amplitude", control.quantity);
-      const double period = one.quantity("period", Quantity::time);
-      if (!(period > 0)) one.fail("period", "the period must be positive");
-      piece.frequency = 1 / period;
+      piece.frequency = 1 / one.positive("period", Quantity::time, "period");
       piece.phase = one.optional_quantity("phase", Quantity::angle).value_or(0);
     } else if (kind != "hold") {
       piece.kind = kind == "linear" ? ControlSchedule::Kind::linear : ControlSchedule::Kind::smooth;
@@ -161,11 +137,7 @@ void read_cable(TableReader& table, Simulation& simulation) {
     cable.path = table.text("path");  // one of the geometry's own
     cable.start_fixed = table.boolean("anchored", false);
   }
-  CableLaw& law = cable.own.emplace();
-  law.k = table.quantity("k", Quantity::stiffness);
-  if (!(*law.k > 0)) table.fail("k", "the stiffness must be positive");
-  law.slack = table.optional_quantity("slack", Quantity::length).value_or(0);
-  law.smoothing = table.optional_quantity("smoothing", Quantity::length).value_or(law.smoothing);
+  read_cable_law(table, cable.own.emplace(), false);
   if (table.has("retraction")) cable.control = control_of(table, "retraction", simulation, Quantity::length);
   table.finish();
   simulation.cables.cables.push_back(std::move(cable));
@@ -180,18 +152,11 @@ void read_joint(TableReader& table, Simulation& simulation) {
   bodies.emplace_back("world");
   if (between.size() != 2 || between[0] == between[1])
     table.fail("between", "two different bodies belong here, the first of which may be \"world\"");
-  for (const std::string& body : between) {
-    if (std::find(bodies.begin(), bodies.end(), body) == bodies.end())
-      table.fail("between",
-                 fmt::format("'{}' is not a [[body]]{}; allowed: {}", body, did_you_mean(body, bodies), join(bodies)));
-  }
+  for (const std::string& body : between) check_id(table, "between", body, bodies, "a [[body]]");
   if (between[1] == "world") table.fail("between", "the world comes first");
   joint.part_a = between[0];
   joint.part_b = between[1];
-  const auto point = [&](std::string_view key) {
-    const std::vector<double> values = table.quantities(key, Quantity::length, d);
-    return Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(d)));
-  };
+  const auto point = [&](std::string_view key) { return vector_of(table.quantities(key, Quantity::length, d)); };
   joint.pivot = point("at");
   if (d == 3) joint.axis_end = point("axis_end");
   joint.radius = table.optional_quantity("radius", Quantity::length).value_or(0);
@@ -204,38 +169,14 @@ void read_joint(TableReader& table, Simulation& simulation) {
   simulation.joints.push_back(std::move(joint));
 }
 
-void read_load(TableReader& table, Simulation& simulation) {
-  LoadSettings load;
-  load.id = table.text("id");
-  load.on = table.text("on");
-  load.direction = direction_of(table, simulation.dimension);
-  if (table.has("control")) {
-    load.control = known_id(table, "control", ids_of(simulation.controls), "a [[control]]");
-    load.quantity = control_quantity(simulation, load.control);
-    if (load.quantity != Quantity::force && load.quantity != Quantity::mass)
-      table.fail("control", "a load is a force or a hung mass");
-  } else {
-    const std::string value = table.text("value");
-    load.quantity = quantity_of(table, "value", value, {Quantity::force, Quantity::mass});
-    load.value = parse_quantity(value, load.quantity, table.where("value"));
-    if (load.quantity == Quantity::mass && load.value < 0)
-      table.fail("value", fmt::format("a mass of {} is negative; give zero or more", value));
-  }
-  table.finish();
-  simulation.loads.push_back(std::move(load));
-}
-
 void read_contact(TableReader table, Simulation& simulation) {
   SurfaceSettings& contact = simulation.contact;
   contact.on = true;
-  contact.gap = table.quantity("gap", Quantity::length);
-  if (!(contact.gap > 0)) table.fail("gap", "the contact gap must be positive");
+  contact.gap = table.positive("gap", Quantity::length, "contact gap");
   if (auto pressures = table.optional_table("pressure")) {
     for (const MaterialSettings& material : simulation.materials) {
-      if (const auto value = pressures->optional_quantity(material.region, Quantity::pressure)) {
-        if (!(*value > 0)) pressures->fail(material.region, "the pressure must be positive");
+      if (const auto value = pressures->optional_positive(material.region, Quantity::pressure, "pressure"))
         contact.pressure[material.region] = *value;
-      }
     }
     pressures->finish();
   }
@@ -244,19 +185,14 @@ void read_contact(TableReader table, Simulation& simulation) {
 }
 
 void read_channel(TableReader& table, Simulation& simulation) {
-  using Kind = ChannelSettings::Kind;
-  ChannelSettings channel =
-      read_channel(table, simulation, simulation.dimension,
-                   {Kind::position, Kind::displacement, Kind::rotation, Kind::tension, Kind::length, Kind::joint_gap,
-                    Kind::joint_angle, Kind::joint_torque, Kind::reaction, Kind::net_force});
-  if (channel.kind == Kind::reaction && simulation.method != SimulationMethod::quasi_static)
-    table.fail("kind", "a reaction is that of an equilibrium; set integrator = \"static\", or take a net_force");
-  if (channel.kind == Kind::net_force) {
-    if (simulation.method != SimulationMethod::implicit_euler && simulation.method != SimulationMethod::bdf2)
-      table.fail("kind", "a net_force is mass times acceleration, which only implicit_euler and bdf2 hand out");
-    channel.on = known_id(table, "of", body_names(simulation), "a [[body]]");
-  }
-  if (channel.on.empty()) channel.on = table.text("of");  // a tag or a body, which the mesh knows
+  ChannelSettings channel = read_channel(table, simulation, Language::simulation);
+  const ChannelKind& kind = *channel.kind;
+  const SimulationMethod method = simulation.method;
+  if (kind.known == ChannelKind::Known::at_rest && method != SimulationMethod::quasi_static)
+    table.fail("kind", fmt::format("a {} {}; set integrator = \"static\", or take a net_force", kind.name, kind.why));
+  if (kind.known == ChannelKind::Known::in_steps && method != SimulationMethod::implicit_euler &&
+      method != SimulationMethod::bdf2)
+    table.fail("kind", fmt::format("a {} {}, which only implicit_euler and bdf2 hand out", kind.name, kind.why));
   table.finish();
   simulation.channels.push_back(std::move(channel));
 }
@@ -266,7 +202,7 @@ void read_workspace(TableReader table, Simulation& simulation) {
   workspace.x = known_id(table, "x", ids_of(simulation.channels), "a [[channel]]");
   workspace.y = known_id(table, "y", ids_of(simulation.channels), "a [[channel]]");
   for (const ChannelSettings& channel : simulation.channels) {
-    if ((channel.id == workspace.x || channel.id == workspace.y) && !channel.of_place())
+    if ((channel.id == workspace.x || channel.id == workspace.y) && channel.kind->on != ChannelKind::On::place)
       table.fail("x", fmt::format("'{}' is not a position or displacement, which span a workspace", channel.id));
   }
   workspace.samples = table.integer("samples", 200, 3);
@@ -290,12 +226,10 @@ void read_workspace(TableReader table, Simulation& simulation) {
 
 /// One target, or a path: lists of values, through which the controls go from point to point.
 IkTarget read_ik_target(TableReader& one, const Simulation& simulation, const IkSettings& ik, bool path) {
-  using Kind = ChannelSettings::Kind;
   IkTarget target;
   target.name = one.text("name");
   for (const ChannelSettings& channel : simulation.channels) {
-    const bool place = channel.of_place();
-    const bool angle = channel.kind == Kind::rotation || channel.kind == Kind::joint_angle;
+    const bool place = channel.kind->on == ChannelKind::On::place, angle = channel.kind->unit == "rad";
     if (!place && !angle) continue;
     const Quantity quantity = angle ? Quantity::angle : Quantity::length;
     if (one.has(channel.id))
@@ -303,9 +237,8 @@ IkTarget read_ik_target(TableReader& one, const Simulation& simulation, const Ik
           path ? one.quantities(channel.id, quantity, 0) : std::vector<double>{one.quantity(channel.id, quantity)};
     if (!place) continue;
     const std::string key = "stiffness_" + channel.id;
-    if (const auto value = one.optional_quantity(key, Quantity::stiffness)) {
+    if (const auto value = one.optional_positive(key, Quantity::stiffness, "stiffness")) {
       if (!target.stiffness_of.empty()) one.fail(key, "one stiffness per target is allowed; leave the other one out");
-      if (!(*value > 0)) one.fail(key, "the stiffness must be positive");
       target.stiffness_of = channel.id;
       target.stiffness = *value;
     }
@@ -327,14 +260,11 @@ IkTarget read_ik_target(TableReader& one, const Simulation& simulation, const Ik
 void read_ik(TableReader table, Simulation& simulation) {
   IkSettings ik;
   for (auto& [id, one] : table.named_tables("control")) {
-    if (control_quantity(simulation, id) == Quantity::pure) {
-      const std::vector<std::string> ids = ids_of(simulation.controls);
-      one.fail("", fmt::format("'{}' is not a [[control]]{}; allowed: {}", id, did_you_mean(id, ids), join(ids)));
-    }
+    const std::vector<std::string> ids = ids_of(simulation.controls);
+    check_id(one, "", id, ids, "a [[control]]");
     const Quantity quantity = control_quantity(simulation, id);
     IkRange control{id, one.quantity("lower", quantity), one.quantity("upper", quantity), 0};
     if (!(control.lower < control.upper)) one.fail("upper", "the upper bound must be above the lower one");
-    const std::vector<std::string> ids = ids_of(simulation.controls);
     const auto place = static_cast<size_t>(std::find(ids.begin(), ids.end(), id) - ids.begin());
     control.nominal = one.optional_quantity("nominal", quantity)
                           .value_or(std::clamp(simulation.schedules[place].at(0), control.lower, control.upper));
@@ -352,30 +282,11 @@ void read_ik(TableReader table, Simulation& simulation) {
   simulation.ik = std::move(ik);
 }
 
-void refuse_repeated_ids(const Simulation& simulation) {
-  std::set<std::string> seen;
-  const auto check = [&](const std::vector<std::string>& ids) {
-    for (const std::string& id : ids) {
-      if (!seen.insert(id).second)
-        throw InputError(
-            fmt::format("{}: the id '{}' is used twice; ids of controls, cables, joints, loads and channels "
-                        "must differ",
-                        simulation.path, id));
-    }
-  };
-  check(ids_of(simulation.controls));
-  check(ids_of(simulation.cables.cables));
-  check(ids_of(simulation.joints));
-  check(ids_of(simulation.loads));
-  check(ids_of(simulation.channels));
-  check({"time", "kinetic_energy", "potential_energy"});
-}
-
 /// Plots of series that will not be there, and controls that nothing listens to.
 void refuse_without_effect(const Simulation& simulation) {
-  std::vector<std::string> series{"time", "kinetic_energy", "potential_energy"};
-  for (const ControlSettings& control : simulation.controls) series.push_back(control.id);
-  for (const ChannelSettings& channel : simulation.channels) series.push_back(channel.id);
+  std::vector<std::string> series = own_series;
+  for (const std::vector<std::string>& ids : {ids_of(simulation.controls), ids_of(simulation.channels)})
+    series.insert(series.end(), ids.begin(), ids.end());
   for (const RobotPlot& plot : simulation.plots) {
     std::vector<std::string> ids = plot.y;
     if (!plot.x.empty()) ids.push_back(plot.x);
@@ -385,14 +296,15 @@ void refuse_without_effect(const Simulation& simulation) {
                                      simulation.path, plot.id, id, did_you_mean(id, series), join(series)));
     }
   }
+  std::vector<std::string> used;
+  const auto use = [&](const auto& items) {
+    for (const auto& item : items) used.push_back(item.control);
+  };
+  use(simulation.cables.cables);
+  use(simulation.joints);
+  use(simulation.loads);
   for (const ControlSettings& control : simulation.controls) {
-    const auto uses = [&](const auto& items, auto&& control_of_item) {
-      return std::any_of(items.begin(), items.end(),
-                         [&](const auto& item) { return control_of_item(item) == control.id; });
-    };
-    const auto control_in = [](const auto& item) { return item.control; };
-    if (!uses(simulation.cables.cables, control_in) && !uses(simulation.joints, control_in) &&
-        !uses(simulation.loads, control_in))
+    if (std::find(used.begin(), used.end(), control.id) == used.end())
       throw InputError(
           fmt::format("{}: the control '{}' moves nothing; name it as the retraction of a cable, the angle of a "
                       "joint or the control of a load, or remove it",
@@ -429,7 +341,8 @@ Simulation read_simulation(const std::string& path) {
   for (TableReader& table : root.tables("control")) read_control(table, simulation);
   for (TableReader& table : root.tables("cable")) read_cable(table, simulation);
   for (TableReader& table : root.tables("joint")) read_joint(table, simulation);
-  for (TableReader& table : root.tables("load")) read_load(table, simulation);
+  for (TableReader& table : root.tables("load"))
+    simulation.loads.push_back(read_load(table, simulation, Language::simulation));
   if (auto contact = root.optional_table("contact")) read_contact(*contact, simulation);
   for (TableReader& table : root.tables("channel")) read_channel(table, simulation);
   for (TableReader& table : root.tables("plot")) {
@@ -439,7 +352,10 @@ Simulation read_simulation(const std::string& path) {
   }
   if (auto workspace = root.optional_table("workspace")) read_workspace(*workspace, simulation);
   if (auto ik = root.optional_table("ik")) read_ik(*ik, simulation);
-  refuse_repeated_ids(simulation);
+  refuse_repeated(path,
+                  {ids_of(simulation.controls), ids_of(simulation.cables.cables), ids_of(simulation.joints),
+                   ids_of(simulation.loads), ids_of(simulation.channels), own_series},
+                  "controls, cables, joints, loads and channels");
   refuse_without_effect(simulation);
   root.finish();
   return simulation;

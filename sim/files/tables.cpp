@@ -4,8 +4,10 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <set>
 
 #include "sim/core/error.hpp"
+#include "sim/scene/channel_kinds.hpp"
 
 namespace taut {
 namespace {
@@ -52,29 +54,36 @@ std::vector<std::vector<double>> read_points(TableReader& table, int dimension) 
 }
 
 void read_plane(TableReader& table, double& thickness, Plane& plane) {
-  thickness = table.quantity("thickness", Quantity::length);
-  if (!(thickness > 0)) table.fail("thickness", "the thickness must be positive");
-  plane = table.choice("plane", {"strain", "stress"}) == "strain" ? Plane::strain : Plane::stress;
+  thickness = table.positive("thickness", Quantity::length, "thickness");
+  plane = table.choice<Plane>("plane", {{"strain", Plane::strain}, {"stress", Plane::stress}});
+}
+
+std::map<std::string, double> read_constants(TableReader& table, const std::string& law,
+                                             const std::map<std::string, double>& otherwise) {
+  std::map<std::string, double> constants;
+  for (const ParameterSpec& spec : material_parameters(law)) {
+    const auto before = otherwise.find(spec.id);
+    const double value = before != otherwise.end() && !table.has(spec.id)
+                             ? before->second
+                             : table.quantity(spec.id, quantity_of_si_unit(spec.unit));
+    if (!(value >= spec.lower && value <= spec.upper)) {
+      table.fail(spec.id, fmt::format("{:.6g} is outside the physical range of {}, {:.6g} to {:.7g} {}", value,
+                                      spec.meaning, spec.lower, spec.upper, spec.unit));
+    }
+    constants[spec.id] = value;
+  }
+  return constants;
 }
 
 std::vector<MaterialSettings> read_materials(TableReader& root) {
   std::vector<MaterialSettings> materials;
   for (auto& [region, table] : root.named_tables("materials")) {
-    MaterialSettings material;
+    MaterialSettings& material = materials.emplace_back();
     material.region = region;
     material.law = table.choice("law", material_laws());
-    for (const ParameterSpec& spec : material_parameters(material.law)) {
-      const double value = table.quantity(spec.id, spec.unit == "Pa" ? Quantity::pressure : Quantity::pure);
-      if (!(value >= spec.lower && value <= spec.upper)) {
-        table.fail(spec.id, fmt::format("{:.6g} is outside the physical range of {}, {:.6g} to {:.7g} {}", value,
-                                        spec.meaning, spec.lower, spec.upper, spec.unit));
-      }
-      material.constants[spec.id] = value;
-    }
-    material.density = table.optional_quantity("density", Quantity::density);
-    if (material.density && !(*material.density > 0)) table.fail("density", "the density must be positive");
+    material.constants = read_constants(table, material.law);
+    material.density = table.optional_positive("density", Quantity::density, "density");
     table.finish();
-    materials.push_back(material);
   }
   if (materials.empty())
     root.fail("", "there is no material; add [materials.NAME] for each region NAME of the geometry");
@@ -88,39 +97,122 @@ void read_damping(TableReader& root, Setup& setup) {
     if (std::find(regions.begin(), regions.end(), region) == regions.end())
       table.fail("", fmt::format("there is no material '{}'{}; allowed: {}", region, did_you_mean(region, regions),
                                  join(regions)));
-    const auto read = [&, &region = region, &table = table](std::string_view key, Quantity quantity, auto& values) {
-      const auto value = table.optional_quantity(key, quantity);
-      if (!value) return;
-      if (*value < 0) table.fail("", "damping must not be negative");
-      values[region] = *value;
-    };
-    read("mass", Quantity::frequency, setup.mass_damping);
-    read("stiffness", Quantity::time, setup.stiffness_damping);
+    const auto mass = table.optional_quantity("mass", Quantity::frequency);
+    const auto stiffness = table.optional_quantity("stiffness", Quantity::time);
+    if (mass.value_or(0) < 0 || stiffness.value_or(0) < 0) table.fail("", "damping must not be negative");
+    if (mass) setup.mass_damping[region] = *mass;
+    if (stiffness) setup.stiffness_damping[region] = *stiffness;
     table.finish();
   }
 }
 
 MassForm read_mass_form(TableReader& table) {
-  return table.choice("mass", {"consistent", "lumped"}) == "lumped" ? MassForm::lumped : MassForm::consistent;
+  return table.choice<MassForm>("mass", {{"consistent", MassForm::consistent}, {"lumped", MassForm::lumped}});
+}
+
+std::vector<std::string> body_names(const Setup& setup) {
+  std::vector<std::string> names;
+  for (const BodySettings& body : setup.bodies) names.push_back(body.name);
+  return names;
+}
+
+void check_id(const TableReader& table, std::string_view key, const std::string& id,
+              const std::vector<std::string>& ids, std::string_view what) {
+  if (std::find(ids.begin(), ids.end(), id) == ids.end())
+    table.fail(key, fmt::format("'{}' is not {}{}; allowed: {}", id, what, did_you_mean(id, ids),
+                                ids.empty() ? "none is there" : join(ids)));
 }
 
 std::string known_id(TableReader& table, std::string_view key, const std::vector<std::string>& ids,
                      std::string_view what) {
-  const std::string id = table.text(key);
-  if (std::find(ids.begin(), ids.end(), id) == ids.end())
-    table.fail(key, fmt::format("'{}' is not {}{}; allowed: {}", id, what, did_you_mean(id, ids),
-                                ids.empty() ? "none is there" : join(ids)));
+  std::string id = table.text(key);
+  check_id(table, key, id, ids, what);
   return id;
 }
 
-std::optional<Quantity> quantity_of_text(const std::string& text, const std::vector<Quantity>& allowed) {
+void refuse_repeated(const std::string& path, const std::vector<std::vector<std::string>>& lists,
+                     std::string_view what) {
+  std::set<std::string> seen;
+  for (const std::vector<std::string>& ids : lists) {
+    for (const std::string& id : ids) {
+      if (!seen.insert(id).second)
+        throw InputError(fmt::format("{}: the id '{}' is used twice; ids of {} must differ", path, id, what));
+    }
+  }
+}
+
+Quantity quantity_of(const TableReader& table, std::string_view key, const std::string& text,
+                     const std::vector<Quantity>& allowed, std::string_view otherwise) {
   const size_t blank = text.rfind(' ');
   const std::string unit = blank == std::string::npos ? "" : text.substr(blank + 1);
+  std::vector<std::string> names;
   for (Quantity quantity : allowed) {
     const std::vector<std::string> units = units_of(quantity);
     if (std::find(units.begin(), units.end(), unit) != units.end()) return quantity;
+    names.emplace_back(name_of(quantity));
   }
-  return std::nullopt;
+  table.fail(key, fmt::format("'{}' {}", text,
+                              otherwise.empty() ? "has not a unit that fits; allowed: " + join(names) : otherwise));
+}
+
+Quantity control_quantity(const Setup& setup, const std::string& id) {
+  for (const ControlSettings& control : setup.controls) {
+    if (control.id == id) return control.quantity;
+  }
+  return Quantity::pure;
+}
+
+LoadSettings read_load(TableReader& table, const Setup& setup, Language language) {
+  const bool bench = language == Language::bench;
+  // The unit of the column or of the value says what kind of load it is.
+  std::vector<Quantity> quantities{Quantity::force, Quantity::mass};
+  if (bench) quantities.insert(quantities.end(), {Quantity::pressure, Quantity::line_load});
+  LoadSettings load;
+  load.id = table.text("id");
+  if (bench && table.has("point") == table.has("on"))
+    table.fail("", "give either 'on' (a tag, or \"a & b\") or 'point' as the place of the load");
+  if (bench && table.has("point"))
+    load.point = table.quantities("point", Quantity::length, static_cast<size_t>(setup.dimension));
+  else
+    load.on = table.text("on");
+  load.direction = direction_of(table, setup.dimension);
+  if (bench && table.has("column") == table.has("value"))
+    table.fail("", "give either 'column' (of the bench file) or 'value' (a constant load)");
+  if (bench && table.has("column")) {
+    load.control = load.id;
+    load.column = table.text("column");
+    load.quantity = parse_header(load.column, quantities, table.where("column")).quantity;
+  } else if (!bench && table.has("control")) {
+    load.control = known_id(table, "control", ids_of(setup.controls), "a [[control]]");
+    load.quantity = control_quantity(setup, load.control);
+    if (std::find(quantities.begin(), quantities.end(), load.quantity) == quantities.end())
+      table.fail("control", "a load is a force or a hung mass");
+  } else {
+    const std::string value = table.text("value");
+    load.quantity = quantity_of(table, "value", value, quantities,
+                                bench ? "is not a load; give a force (\"2 N\"), a mass (\"100 g\"), a traction (\"3 "
+                                        "kPa\") or a line load (\"5 N/m\")"
+                                      : "");
+    load.value = parse_quantity(value, load.quantity, table.where("value"));
+    if (!bench && load.quantity == Quantity::mass && load.value < 0)
+      table.fail("value", fmt::format("a mass of {} is negative; give zero or more", value));
+  }
+  if (load.quantity == Quantity::pressure && !load.point.empty())
+    table.fail("point", "a traction acts on a face; use 'on'");
+  if (load.quantity == Quantity::line_load && !load.point.empty())
+    table.fail("point", "a line load acts on an edge, in 2D on a corner; use 'on'");
+  table.finish();
+  return load;
+}
+
+void read_cable_law(TableReader& table, CableLaw& law, bool takes_EA) {
+  if (takes_EA) law.EA = table.optional_positive("EA", Quantity::force, "stiffness");
+  if (takes_EA && law.EA.has_value() == table.has("k"))
+    table.fail("", "give either k (the stiffness of a whole cable, \"20 kN/m\") or EA (\"1.2 kN\"; k = EA / length)");
+  if (!law.EA) law.k = table.positive("k", Quantity::stiffness, "stiffness");
+  law.slack = table.optional_quantity("slack", Quantity::length).value_or(0);
+  law.smoothing = table.optional_quantity("smoothing", Quantity::length).value_or(law.smoothing);
+  if (law.smoothing < 0) table.fail("smoothing", "a length of zero or more belongs here");
 }
 
 void read_cable_points(TableReader& table, int dimension, const std::vector<std::string>& fixed, CableSettings& cable) {
@@ -139,33 +231,68 @@ void read_surroundings(TableReader& table, int dimension, SurfaceSettings& conta
     if (line.size() < 2) one.fail("x", "an obstacle needs at least two points");
     one.finish();
   }
-  const auto vector = [](const std::vector<double>& values) {
-    return Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size())));
-  };
   for (TableReader& one : table.tables("ground")) {
     const size_t d = static_cast<size_t>(dimension);
-    const Eigen::VectorXd point = vector(one.quantities("point", Quantity::length, d)),
-                          normal = vector(one.numbers("normal", d));
+    const Eigen::VectorXd point = vector_of(one.quantities("point", Quantity::length, d)),
+                          normal = vector_of(one.numbers("normal", d));
     if (!(normal.norm() > 0)) one.fail("normal", "the normal must not be all zeros; it points to where things may be");
     contact.grounds.push_back({point, normal.normalized()});
     one.finish();
   }
 }
 
-ChannelSettings read_channel(TableReader& table, const Setup& setup, int dimension,
-                             const std::vector<ChannelSettings::Kind>& kinds) {
-  using Kind = ChannelSettings::Kind;
+namespace {
+
+/// Where a displacement or a position is measured at a bench.
+void read_place(TableReader& table, size_t dimension, ChannelSettings& channel) {
+  if (table.has("point") == table.has("on"))
+    table.fail("",
+               "give either 'point' (a material point) or 'on' (the mean over a tag) as the place that is measured");
+  if (table.has("point")) channel.point = table.quantities("point", Quantity::length, dimension);
+  if (table.has("on")) channel.on = table.text("on");
+  if (!table.has("standoff")) return;
+  if (channel.point.empty()) table.fail("standoff", "a stand-off needs 'point', the foot it stands on");
+  channel.standoff = table.quantities("standoff", Quantity::length, dimension);
+  channel.turns_with = table.text("turns_with");
+}
+
+/// The key "kind"; the first of the names is the fallback.
+const ChannelKind& read_kind(TableReader& table, Language language) {
+  std::vector<std::string> names;
+  for (const ChannelKind& kind : channel_kinds()) {
+    if (language == Language::simulation || kind.at_bench()) names.emplace_back(kind.name);
+  }
+  const auto usual = std::find(names.begin(), names.end(), language == Language::bench ? "displacement" : "position");
+  std::rotate(names.begin(), usual, usual + 1);
+  const std::string name = table.choice("kind", names);
+  return *std::find_if(channel_kinds().begin(), channel_kinds().end(),
+                       [&](const ChannelKind& kind) { return kind.name == name; });
+}
+
+}  // namespace
+
+ChannelSettings read_channel(TableReader& table, const Setup& setup, Language language) {
+  using On = ChannelKind::On;
+  using Directed = ChannelKind::Directed;
+  const bool bench = language == Language::bench;
   ChannelSettings channel;
   channel.id = table.text("id");
-  std::vector<std::string> names;
-  for (Kind kind : kinds) names.emplace_back(name_of(kind));
-  const std::string name = table.choice("kind", names);
-  channel.kind = kinds[static_cast<size_t>(std::find(names.begin(), names.end(), name) - names.begin())];
-  if (channel.of_cable()) channel.on = known_id(table, "of", ids_of(setup.cables.cables), "a [[cable]]");
-  if (channel.of_joint()) channel.on = known_id(table, "of", ids_of(setup.joints), "a [[joint]]");
-  const bool directed = channel.of_place() || channel.kind == Kind::reaction || channel.kind == Kind::net_force ||
-                        (channel.kind == Kind::rotation && dimension == 3);
-  if (directed) channel.direction = direction_of(table, dimension);
+  const ChannelKind& kind = read_kind(table, language);
+  channel.kind = &kind;
+  if (kind.directed == Directed::always || (kind.directed == Directed::in_space && setup.dimension == 3))
+    channel.direction = direction_of(table, setup.dimension);
+  if (kind.on == On::place && bench)
+    read_place(table, static_cast<size_t>(setup.dimension), channel);
+  else if (kind.on == On::place || kind.on == On::tag)
+    channel.on = table.text(bench ? "on" : "of");  // of a simulation: a tag or a body, which the mesh knows
+  else if (kind.on == On::cable)
+    channel.on = known_id(table, "of", ids_of(setup.cables.cables), "a [[cable]]");
+  else if (kind.on == On::joint)
+    channel.on = known_id(table, "of", ids_of(setup.joints), "a [[joint]]");
+  else if (kind.on == On::body)
+    channel.on = known_id(table, "of", body_names(setup), "a [[body]]");
+  else
+    channel.on = "the model";
   return channel;
 }
 

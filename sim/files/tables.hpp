@@ -1,5 +1,5 @@
 #pragma once
-#include <optional>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -19,8 +19,14 @@ std::vector<double> direction_of(TableReader& table, int dimension);
 /// Points of a polyline from lists of coordinates x, y(, z).
 std::vector<std::vector<double>> read_points(TableReader& table, int dimension);
 
+/// The languages of files, which call some things by other keys.
+enum class Language { bench, simulation };
+
 /// The keys thickness and plane of 2D models.
 void read_plane(TableReader& table, double& thickness, Plane& plane);
+/// The constants of a law; those that are not in the table are taken from `otherwise`.
+std::map<std::string, double> read_constants(TableReader& table, const std::string& law,
+                                             const std::map<std::string, double>& otherwise = {});
 /// All [materials.REGION].
 std::vector<MaterialSettings> read_materials(TableReader& root);
 /// All [damping.REGION], after the materials.
@@ -34,19 +40,34 @@ std::vector<std::string> ids_of(const Container& items) {
   for (const auto& item : items) ids.push_back(item.id);
   return ids;
 }
-/// The text of a key, which has to be one of `ids`; `what` says what they are.
+std::vector<std::string> body_names(const Setup& setup);
+/// Throws InputError when `id` is not one of `ids`; `what` says what they are.
+void check_id(const TableReader& table, std::string_view key, const std::string& id,
+              const std::vector<std::string>& ids, std::string_view what);
+/// The text of a key, which has to be one of them.
 std::string known_id(TableReader& table, std::string_view key, const std::vector<std::string>& ids,
                      std::string_view what);
-/// That of `allowed` whose unit ends the text ("2 N": a force).
-std::optional<Quantity> quantity_of_text(const std::string& text, const std::vector<Quantity>& allowed);
+/// Throws InputError when an id stands twice in these lists; `what` says of what they are.
+void refuse_repeated(const std::string& path, const std::vector<std::vector<std::string>>& lists,
+                     std::string_view what);
+/// That of `allowed` whose unit ends the text of a key ("2 N": a force); `otherwise` is said after the text when there
+/// is none.
+Quantity quantity_of(const TableReader& table, std::string_view key, const std::string& text,
+                     const std::vector<Quantity>& allowed, std::string_view otherwise = "");
+/// That of a control of a setup; pure when there is none of this id.
+Quantity control_quantity(const Setup& setup, const std::string& id);
 
+/// [[load]] to its end. At a bench it may be at a point, and its value may be a column's; in a simulation a control's.
+LoadSettings read_load(TableReader& table, const Setup& setup, Language language);
+
+/// Keys k or EA, slack and smoothing.
+void read_cable_law(TableReader& table, CableLaw& law, bool takes_EA);
 /// Keys x, y(, z) and fixed of a cable; `fixed` are the words for the latter, the first is the fallback.
 void read_cable_points(TableReader& table, int dimension, const std::vector<std::string>& fixed, CableSettings& cable);
 /// Tables obstacle and ground of [contact].
 void read_surroundings(TableReader& table, int dimension, SurfaceSettings& contact);
-/// Keys of a [[channel]] that do not depend on where it is: id, kind (one of `kinds`, the first is the fallback), "of"
-/// when that is of a cable or a joint, and direction when it has one.
-ChannelSettings read_channel(TableReader& table, const Setup& setup, int dimension,
-                             const std::vector<ChannelSettings::Kind>& kinds);
+/// Keys of a [[channel]]: id, kind (those that files of this language have), direction when it has one, and what it
+/// is on.
+ChannelSettings read_channel(TableReader& table, const Setup& setup, Language language);
 
 }  // namespace taut

@@ -147,6 +147,17 @@ std::optional<double> TableReader::optional_quantity(std::string_view key, Quant
   return quantity(key, wanted);
 }
 
+double TableReader::positive(std::string_view key, Quantity wanted, std::string_view what) {
+  const double value = quantity(key, wanted);
+  if (!(value > 0)) fail(key, fmt::format("the {} must be positive", what));
+  return value;
+}
+
+std::optional<double> TableReader::optional_positive(std::string_view key, Quantity wanted, std::string_view what) {
+  if (!has(key)) return std::nullopt;
+  return positive(key, wanted, what);
+}
+
 std::vector<double> TableReader::quantities(std::string_view key, Quantity quantity, size_t count) {
   std::vector<double> values;
   for (const toml::node& node : Nodes::array(*this, key, count))

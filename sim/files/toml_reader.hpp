@@ -3,6 +3,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "sim/core/units.hpp"
@@ -37,6 +38,16 @@ class TableReader {
   std::string text(std::string_view key, std::string fallback);
   /// A text that must be one of `allowed`; the first is the fallback.
   std::string choice(std::string_view key, const std::vector<std::string>& allowed);
+  /// The same where each text stands for a value.
+  template <class Value>
+  Value choice(std::string_view key, const std::vector<std::pair<std::string, Value>>& allowed) {
+    std::vector<std::string> names;
+    for (const auto& [name, value] : allowed) names.push_back(name);
+    const std::string chosen = choice(key, names);
+    size_t k = 0;
+    while (names[k] != chosen) ++k;
+    return allowed[k].second;
+  }
   double number(std::string_view key);  ///< required
   int integer(std::string_view key, int fallback, int smallest);
   bool boolean(std::string_view key, bool fallback);
@@ -45,6 +56,9 @@ class TableReader {
   /// A number or a text with a unit, as it stands: for values whose quantity is only known later.
   std::optional<GivenValue> optional_given(std::string_view key);
   std::optional<double> optional_quantity(std::string_view key, Quantity quantity);
+  /// The same of what has to be larger than zero; `what` says what it is.
+  double positive(std::string_view key, Quantity quantity, std::string_view what);
+  std::optional<double> optional_positive(std::string_view key, Quantity quantity, std::string_view what);
   /// ["100 mm", "30 mm"]; `count` entries unless it is 0.
   std::vector<double> quantities(std::string_view key, Quantity quantity, size_t count);
   std::vector<double> numbers(std::string_view key, size_t count);  ///< [0, 0, -1]

@@ -5,8 +5,6 @@
 #include <map>
 
 #include "sim/mesh/weights.hpp"
-#include "sim/scene/reaction.hpp"
-#include "sim/terms/load.hpp"
 
 namespace taut {
 namespace {
@@ -20,14 +18,13 @@ int depth_cells(const Setup& setup) {
   return setup.bodies.front().mesh.depth_cells;
 }
 
-/// Of the whole body in the model.
-double share(const Setup& setup) {
-  return depth_cells(setup) > 0 ? 0.5 : 1.0;
+double modulus_of(const MaterialSettings& material) {
+  return youngs_modulus(material.law, material.constants);
 }
 
 double softest(const Setup& setup) {
   double least = 1e300;
-  for (const MaterialSettings& material : setup.materials) least = std::min(least, material.constants.at("E"));
+  for (const MaterialSettings& material : setup.materials) least = std::min(least, modulus_of(material));
   return least;
 }
 
@@ -72,6 +69,13 @@ ParameterSpec control_spec(const std::string& id, Quantity quantity) {
   }
 }
 
+template <class Ground>
+std::vector<Ground> grounds_as(const SurfaceSettings& settings) {
+  std::vector<Ground> grounds;
+  for (const GroundSettings& ground : settings.grounds) grounds.push_back({ground.point, ground.normal});
+  return grounds;
+}
+
 /// One build: what is under construction, and the steps.
 class Assembler {
  public:
@@ -103,391 +107,274 @@ class Assembler {
   }
 
  private:
-  void add_materials();
-  void add_material(const MaterialSettings& material);
-  void add_inertia(const MaterialSettings& material);
-  void declare_controls();
-  void add_supports();
-  void add_load(const LoadSettings& load);
-  void add_half_load(const LoadSettings& load, int control, int times);
-  void declare_shared_law(int& k, int& slack);
-  std::vector<Eigen::VectorXd> points_of(const CableSettings& cable) const;
-  void add_cables();
-  std::map<std::string, double> contact_pressures() const;
-  void refuse_nested_bodies() const;
-  void add_contact();
-  Eigen::VectorXd place_weights(const ChannelSettings& channel, const Eigen::VectorXd& direction) const;
-  void read_place(const ChannelSettings& channel, SceneReading& reading) const;
-  SceneReading make_reading(const ChannelSettings& channel) const;
-
   bool rigid(const MaterialSettings& material) const {
-    return options_.rigid_segments && material.constants.at("E") > 100 * softest(setup_);
+    return options_.rigid_segments && modulus_of(material) > 100 * softest(setup_);
   }
   int index_of(const std::string& control) const { return builder_.parameters().index(control); }
-  const Mesh& mesh() const { return built_.scene.model->mesh(); }  ///< once it is built
+
+  void add_materials() {
+    const auto& materials = setup_.materials;
+    if (options_.rigid_segments && std::none_of(materials.begin(), materials.end(),
+                                                [&](const MaterialSettings& material) { return rigid(material); })) {
+      throw InputError(
+          fmt::format("{}: model: no region is more than 100 times as stiff as the softest one, so that none "
+                      "can be rigid; use \"full\"",
+                      setup_.path));
+    }
+    for (const MaterialSettings& material : materials) {
+      at(setup_, fmt::format("[materials.{}]", material.region), [&] {
+        add_material(material);
+        if (!material.density) return;
+        if (!setup_.gravity_direction.empty())
+          builder_.add_weight(material.region, *material.density, vector_of(setup_.gravity_direction), built_.gravity);
+        if (options_.over_time) add_inertia(material);
+      });
+    }
+  }
+
+  /// The constants of a rigid region are declared, and change nothing.
+  void add_material(const MaterialSettings& material) {
+    if (!rigid(material)) {
+      return builder_.add_solid(material.region, material.law, material.constants,
+                                setup_.bodies.front().mesh.formulation);
+    }
+    builder_.add_rigid(material.region);
+    for (auto& [spec, value] : region_parameters(material.region, material.law, material.constants))
+      builder_.declare(std::move(spec), value);
+  }
+
+  /// Declares "mass_damping_<region>" [1/s] and "stiffness_damping_<region>" [s] where the file has them.
+  void add_inertia(const MaterialSettings& material) {
+    const std::string& region = material.region;
+    int mass_damping = -1;
+    if (setup_.mass_damping.count(region) > 0)
+      mass_damping = builder_.declare(
+          {"mass_damping_" + region, "alpha", "1/s", 0, 1e6, "damping of " + region + " in proportion to its mass"},
+          setup_.mass_damping.at(region));
+    builder_.add_inertia(region, *material.density, setup_.mass, mass_damping);
+    if (setup_.stiffness_damping.count(region) == 0) return;
+    builder_.add_viscosity(region, builder_.declare({"stiffness_damping_" + region, "beta", "s", 0, 1e3,
+                                                     "damping of " + region + " in proportion to its stiffness"},
+                                                    setup_.stiffness_damping.at(region)));
+  }
+
+  /// Controls are parameters beside the model's own, whose names they must not take.
+  void declare_controls() {
+    for (const ControlSettings& control : setup_.controls) {
+      built_.controls.push_back(at(setup_, fmt::format("id '{}'", control.id),
+                                   [&] { return builder_.declare(control_spec(control.id, control.quantity), 0.0); }));
+    }
+  }
+
+  void add_supports() {
+    for (const BodySettings& body : setup_.bodies) {
+      for (const auto& [tag, components] : body.fixed)
+        at(setup_, fmt::format("[[body]] '{}'", body.name), [&] { builder_.fix(body.name + "." + tag, components); });
+    }
+    for (const SupportSettings& support : setup_.supports) {
+      at(setup_, fmt::format("[[support]] on '{}'", support.on), [&] {
+        builder_.fix(support.on, support.fix);
+        if (support.rotation_stiffness) builder_.add_elastic_clamp(support.on, *support.rotation_stiffness);
+        if (!support.control.empty()) builder_.prescribe(support.on, support.component, index_of(support.control));
+      });
+    }
+  }
+
+  /// Half of a force or a hung mass on one half of a solid.
+  void add_half_load(const LoadSettings& load, int control, int times) {
+    const Mesh& mesh = builder_.mesh();
+    const int cells = depth_cells(setup_);
+    const Eigen::VectorXd direction = vector_of(load.direction);
+    Eigen::VectorXd weights = Eigen::VectorXd::Zero(mesh.X.size());
+    if (load.point.empty()) {
+      weights = mean_weights(mesh, mesh.select(load.on), direction);
+    } else {
+      // Simpson's rule over each layer: exact for what elements up to quadratic ones interpolate.
+      double depth = 0;
+      for (int i = 0; i < mesh.node_count(); ++i) depth = std::max(depth, mesh.node(i)[2]);
+      for (int i = 0; i <= 2 * cells; ++i) {
+        Eigen::VectorXd point = vector_of(load.point);
+        point[2] = depth * i / (2 * cells);
+        const double weight = (i == 0 || i == 2 * cells ? 1 : i % 2 == 0 ? 2 : 4) / (6.0 * cells);
+        weights += weight * point_weights(mesh, locate(mesh, point), direction);
+      }
+    }
+    builder_.add_load(0.5 * weights, {control, times});
+  }
+
+  void add_load(const LoadSettings& load) {
+    int control;
+    if (load.control.empty()) {
+      control = builder_.declare(control_spec(load.id, load.quantity), load.value);
+      built_.off_at_rest.push_back(control);
+    } else {
+      control = index_of(load.control);
+    }
+    const Eigen::VectorXd direction = vector_of(load.direction);
+    const bool mass = load.quantity == Quantity::mass;
+    const int times = mass ? built_.gravity : -1;
+    if (depth_cells(setup_) > 0 && (mass || load.quantity == Quantity::force)) {
+      add_half_load(load, control, times);
+    } else if (!load.point.empty()) {
+      builder_.add_point_force(vector_of(load.point), direction, control, times);
+    } else if (load.quantity == Quantity::pressure) {
+      builder_.add_traction(load.on, direction, control);
+    } else if (load.quantity == Quantity::line_load) {
+      builder_.add_line_load(load.on, direction, control);
+    } else {
+      builder_.add_force(load.on, direction, control, times);
+    }
+    if (mass && options_.over_time) builder_.add_point_mass(load.on, control);
+  }
+
+  /// k_cable and slack. EA means one stiffness for all only where all have one length.
+  void declare_shared_law(int& k, int& slack) {
+    const CablesSettings& settings = setup_.cables;
+    const auto length_of = [&](const CableSettings& cable) {
+      const std::vector<Eigen::VectorXd> points = points_of(cable);
+      double length = 0;
+      for (size_t i = 1; i < points.size(); ++i) length += (points[i] - points[i - 1]).norm();
+      return length;
+    };
+    const CableSettings& first = settings.cables.front();
+    const double length = length_of(first);
+    for (const CableSettings& cable : settings.cables) {
+      if (settings.EA && std::abs(length_of(cable) - length) > 1e-9 * length) {
+        throw InputError(
+            fmt::format("EA gives cables of different lengths different stiffnesses, but all share k_cable: '{}' is "
+                        "{:.4g} mm long and "
+                        "'{}' {:.4g} mm; give k",
+                        first.id, 1e3 * length, cable.id, 1e3 * length_of(cable)));
+      }
+    }
+    k = builder_.declare({"k_cable", "k", "N/m", 1e-3, 1e12, "stiffness of a whole cable", true},
+                         settings.k ? *settings.k : *settings.EA / length);
+    slack = builder_.declare(
+        {"slack", "s", "m", -0.5 * length, 0.5 * length, "length by which a cable exceeds its path at rest"},
+        settings.slack);
+  }
+
+  /// Points of a cable in the world at rest: its own, or one of those that its body's geometry has.
+  std::vector<Eigen::VectorXd> points_of(const CableSettings& cable) const {
+    const BodySettings& body = body_called(setup_, cable.body);
+    std::vector<Eigen::VectorXd> points;
+    for (const std::vector<double>& point : cable.points) points.push_back(vector_of(point));
+    if (points.empty()) points = own_cable(body.geometry, cable.path);
+    for (Eigen::VectorXd& point : points) point = placed(body, point);
+    return points;
+  }
+
+  void add_cables() {
+    int shared_k = -1, shared_slack = -1;
+    const auto add = [&](const CableSettings& cable) {
+      const std::string& id = cable.id;
+      Cable made;
+      if (cable.own) {
+        made.stiffness = builder_.declare({"k_" + id, "k", "N/m", 1e-3, 1e12, "stiffness of cable " + id, true},
+                                          cable.own->k.value());
+        made.slack = builder_.declare({"slack_" + id, "s", "m", -10, 10, "slack of cable " + id}, cable.own->slack);
+        made.smoothing = cable.own->smoothing;
+      } else {
+        made.stiffness = shared_k;
+        made.slack = shared_slack;
+        made.smoothing = setup_.cables.smoothing;
+      }
+      made.share = setup_.share();
+      if (!cable.control.empty()) made.retraction = index_of(cable.control);
+      const std::vector<Eigen::VectorXd> points = points_of(cable);
+      const Mesh& mesh = builder_.mesh();
+      for (size_t i = 0; i < points.size(); ++i) {
+        const bool fixed = (i == 0 && cable.start_fixed) || (i + 1 == points.size() && cable.end_fixed);
+        const auto inside = [&] {
+          return cable.body.empty() ? locate(mesh, points[i]) : locate(mesh, points[i], mesh.part(cable.body));
+        };
+        made.points.push_back({fixed ? MaterialPoint{} : inside(), points[i]});
+      }
+      builder_.add_cable(made);
+      built_.cables.push_back(std::move(made));
+    };
+    if (std::any_of(setup_.cables.cables.begin(), setup_.cables.cables.end(),
+                    [](const CableSettings& cable) { return !cable.own; }))
+      at(setup_, "[cables]", [&] { declare_shared_law(shared_k, shared_slack); });
+    for (const CableSettings& cable : setup_.cables.cables)
+      at(setup_, fmt::format("{} '{}'", cable.own ? "[[cable]]" : "cable", cable.id), [&] { add(cable); });
+  }
+
+  /// The pressure at which two faces rest half a contact gap apart, region by region; fixed for a run. Too small, and
+  /// faces come so near that the Hessian is ill-conditioned; too large, and the barrier acts within a sliver of its gap
+  /// that Newton's method finds and loses again. Soft bodies bear pressures of about their modulus; what presses stiff
+  /// ones together are the forces that the soft ones, the cables against them, and the loads bring.
+  std::map<std::string, double> contact_pressures() const {
+    const double load = options_.largest_force / (0.05 * builder_.mesh().diagonal() * setup_.thickness);
+    std::map<std::string, double> pressures;
+    for (const MaterialSettings& material : setup_.materials) {
+      double& pressure = pressures[material.region];
+      const auto given = setup_.contact.pressure.find(material.region);
+      pressure = given != setup_.contact.pressure.end() ? given->second
+                                                        : std::min(modulus_of(material), 10 * softest(setup_) + load);
+      if (setup_.contact.stiffness) pressure = *setup_.contact.stiffness;
+    }
+    return pressures;
+  }
+
+  /// Boundaries that do not cross may still be one inside the other.
+  void refuse_nested_bodies() const {
+    const Mesh& mesh = builder_.mesh();
+    for (const Part& outer : mesh.parts) {
+      for (const Part& inner : mesh.parts) {
+        const auto joins = [&](const JointSettings& joint) {
+          return (joint.part_a == outer.name && joint.part_b == inner.name) ||
+                 (joint.part_a == inner.name && joint.part_b == outer.name);
+        };
+        if (&outer == &inner || std::any_of(setup_.joints.begin(), setup_.joints.end(), joins)) continue;
+        try {
+          locate(mesh, mesh.node(inner.first_node), outer);
+        } catch (const InputError&) {
+          continue;
+        }
+        throw InputError(
+            fmt::format("body '{}' lies inside body '{}' at rest; move one of them", inner.name, outer.name));
+      }
+    }
+  }
+
+  void add_contact() {
+    refuse_nested_bodies();
+    const std::map<std::string, double> pressures = contact_pressures();
+    const auto watch = [&](const auto& contact) {
+      built_.intersects = [&contact](const Eigen::VectorXd& u) { return contact.intersects(u); };
+      built_.smallest_distance = [&contact](const Eigen::VectorXd& u, double horizon) {
+        return contact.smallest_distance(u, horizon);
+      };
+    };
+    const SurfaceSettings& settings = setup_.contact;
+    double diagonal = builder_.mesh().diagonal();
+    if (depth_cells(setup_) > 0)  // that of the section
+      diagonal = std::sqrt(std::pow(diagonal, 2) - std::pow(setup_.thickness / 2, 2));
+    const double gap = settings.gap > 0 ? settings.gap : contact_gap(setup_.bodies.front().mesh, diagonal);
+    if (builder_.mesh().dimension() == 2) {
+      built_.contact =
+          &builder_.add_contact(gap, pressures, settings.obstacles, grounds_as<GroundLine>(settings), settings.form);
+      return watch(*built_.contact);
+    }
+    watch(builder_.add_contact_3d(gap, pressures, grounds_as<GroundPlane>(settings)));
+  }
+
+  SceneReading make_reading(const ChannelSettings& channel) const {
+    SceneReading reading;
+    reading.id = channel.id;
+    reading.unit = channel.kind->unit;
+    reading.meaning = fmt::format("{} {}", channel.kind->meaning, channel.on.empty() ? "a point" : channel.on);
+    reading.channel = channel.kind->make(
+        {channel, setup_, *built_.scene.model, built_.cables, built_.joints, options_.rigid_segments, reading});
+    return reading;
+  }
 
   const Setup& setup_;
   const SceneOptions& options_;
   SceneBuilder builder_;
   BuiltScene built_;
 };
-
-void Assembler::add_materials() {
-  const auto& materials = setup_.materials;
-  if (options_.rigid_segments && std::none_of(materials.begin(), materials.end(),
-                                              [&](const MaterialSettings& material) { return rigid(material); })) {
-    throw InputError(
-        fmt::format("{}: model: no region is more than 100 times as stiff as the softest one, so that none "
-                    "can be rigid; use \"full\"",
-                    setup_.path));
-  }
-  for (const MaterialSettings& material : materials) {
-    at(setup_, fmt::format("[materials.{}]", material.region), [&] {
-      add_material(material);
-      if (!material.density) return;
-      if (!setup_.gravity_direction.empty())
-        builder_.add_weight(material.region, *material.density, vector_of(setup_.gravity_direction), built_.gravity);
-      if (options_.over_time) add_inertia(material);
-    });
-  }
-}
-
-/// The constants of a rigid region are declared, and change nothing.
-void Assembler::add_material(const MaterialSettings& material) {
-  if (!rigid(material)) {
-    return builder_.add_solid(material.region, material.law, material.constants,
-                              setup_.bodies.front().mesh.formulation);
-  }
-  builder_.add_rigid(material.region);
-  for (ParameterSpec spec : material_parameters(material.law)) {
-    const double value = material.constants.at(spec.id);
-    spec.id += "_" + material.region;
-    builder_.declare(std::move(spec), value);
-  }
-}
-
-/// Declares "mass_damping_<region>" [1/s] and "stiffness_damping_<region>" [s] where the file has them.
-void Assembler::add_inertia(const MaterialSettings& material) {
-  const std::string& region = material.region;
-  int mass_damping = -1;
-  if (setup_.mass_damping.count(region) > 0)
-    mass_damping = builder_.declare(
-        {"mass_damping_" + region, "alpha", "1/s", 0, 1e6, "damping of " + region + " in proportion to its mass"},
-        setup_.mass_damping.at(region));
-  builder_.add_inertia(region, *material.density, setup_.mass, mass_damping);
-  if (setup_.stiffness_damping.count(region) == 0) return;
-  builder_.add_viscosity(region, builder_.declare({"stiffness_damping_" + region, "beta", "s", 0, 1e3,
-                                                   "damping of " + region + " in proportion to its stiffness"},
-                                                  setup_.stiffness_damping.at(region)));
-}
-
-/// Controls are parameters beside the model's own, whose names they must not take.
-void Assembler::declare_controls() {
-  for (const ControlSettings& control : setup_.controls) {
-    built_.controls.push_back(at(setup_, fmt::format("id '{}'", control.id),
-                                 [&] { return builder_.declare(control_spec(control.id, control.quantity), 0.0); }));
-  }
-}
-
-void Assembler::add_supports() {
-  for (const BodySettings& body : setup_.bodies) {
-    for (const auto& [tag, components] : body.fixed)
-      at(setup_, fmt::format("[[body]] '{}'", body.name), [&] { builder_.fix(body.name + "." + tag, components); });
-  }
-  for (const SupportSettings& support : setup_.supports) {
-    at(setup_, fmt::format("[[support]] on '{}'", support.on), [&] {
-      builder_.fix(support.on, support.fix);
-      if (support.rotation_stiffness) builder_.add_elastic_clamp(support.on, *support.rotation_stiffness);
-      if (!support.control.empty()) builder_.prescribe(support.on, support.component, index_of(support.control));
-    });
-  }
-}
-
-/// Half of a force or a hung mass on one half of a solid.
-void Assembler::add_half_load(const LoadSettings& load, int control, int times) {
-  const Mesh& mesh = builder_.mesh();
-  const int cells = depth_cells(setup_);
-  const Eigen::VectorXd direction = vector_of(load.direction);
-  Eigen::VectorXd weights = Eigen::VectorXd::Zero(mesh.X.size());
-  if (load.point.empty()) {
-    weights = mean_weights(mesh, mesh.select(load.on), direction);
-  } else {
-    // Simpson's rule over each layer: exact for what elements up to quadratic ones interpolate.
-    double depth = 0;
-    for (int i = 0; i < mesh.node_count(); ++i) depth = std::max(depth, mesh.node(i)[2]);
-    for (int i = 0; i <= 2 * cells; ++i) {
-      Eigen::VectorXd point = vector_of(load.point);
-      point[2] = depth * i / (2 * cells);
-      const double weight = (i == 0 || i == 2 * cells ? 1 : i % 2 == 0 ? 2 : 4) / (6.0 * cells);
-      weights += weight * point_weights(mesh, locate(mesh, point), direction);
-    }
-  }
-  std::vector<int> factors{control};
-  if (times >= 0) factors.push_back(times);
-  builder_.add_term(make_load(0.5 * weights, factors));
-}
-
-void Assembler::add_load(const LoadSettings& load) {
-  int control;
-  if (load.control.empty()) {
-    control = builder_.declare(control_spec(load.id, load.quantity), load.value);
-    built_.off_at_rest.push_back(control);
-  } else {
-    control = index_of(load.control);
-  }
-  const Eigen::VectorXd direction = vector_of(load.direction);
-  const bool mass = load.quantity == Quantity::mass;
-  const int times = mass ? built_.gravity : -1;
-  if (depth_cells(setup_) > 0 && (mass || load.quantity == Quantity::force)) {
-    add_half_load(load, control, times);
-  } else if (!load.point.empty()) {
-    builder_.add_point_force(vector_of(load.point), direction, control, times);
-  } else if (load.quantity == Quantity::pressure) {
-    builder_.add_traction(load.on, direction, control);
-  } else if (load.quantity == Quantity::line_load) {
-    builder_.add_line_load(load.on, direction, control);
-  } else {
-    builder_.add_force(load.on, direction, control, times);
-  }
-  if (mass && options_.over_time) builder_.add_point_mass(load.on, control);
-}
-
-/// k_cable and slack. EA means one stiffness for all only where all have one length.
-void Assembler::declare_shared_law(int& k, int& slack) {
-  const CablesSettings& settings = setup_.cables;
-  const auto length_of = [&](const CableSettings& cable) {
-    const std::vector<Eigen::VectorXd> points = points_of(cable);
-    double length = 0;
-    for (size_t i = 1; i < points.size(); ++i) length += (points[i] - points[i - 1]).norm();
-    return length;
-  };
-  const CableSettings& first = settings.cables.front();
-  const double length = length_of(first);
-  for (const CableSettings& cable : settings.cables) {
-    if (settings.EA && std::abs(length_of(cable) - length) > 1e-9 * length) {
-      throw InputError(
-          fmt::format("EA gives cables of different lengths different stiffnesses, but all share k_cable: '{}' is "
-                      "{:.4g} mm long and "
-                      "'{}' {:.4g} mm; give k",
-                      first.id, 1e3 * length, cable.id, 1e3 * length_of(cable)));
-    }
-  }
-  k = builder_.declare({"k_cable", "k", "N/m", 1e-3, 1e12, "stiffness of a whole cable", true},
-                       settings.k ? *settings.k : *settings.EA / length);
-  slack = builder_.declare(
-      {"slack", "s", "m", -0.5 * length, 0.5 * length, "length by which a cable exceeds its path at rest"},
-      settings.slack);
-}
-
-/// Points of a cable in the world at rest: its own, or one of those that its body's geometry has.
-std::vector<Eigen::VectorXd> Assembler::points_of(const CableSettings& cable) const {
-  const BodySettings& body = body_called(setup_, cable.body);
-  std::vector<Eigen::VectorXd> points;
-  for (const std::vector<double>& point : cable.points) points.push_back(vector_of(point));
-  if (points.empty()) points = own_cable(body.geometry, cable.path);
-  for (Eigen::VectorXd& point : points) point = placed(body, point);
-  return points;
-}
-
-void Assembler::add_cables() {
-  int shared_k = -1, shared_slack = -1;
-  const auto add = [&](const CableSettings& cable) {
-    const std::string& id = cable.id;
-    Cable made;
-    if (cable.own) {
-      made.stiffness =
-          builder_.declare({"k_" + id, "k", "N/m", 1e-3, 1e12, "stiffness of cable " + id, true}, cable.own->k.value());
-      made.slack = builder_.declare({"slack_" + id, "s", "m", -10, 10, "slack of cable " + id}, cable.own->slack);
-      made.smoothing = cable.own->smoothing;
-    } else {
-      made.stiffness = shared_k;
-      made.slack = shared_slack;
-      made.smoothing = setup_.cables.smoothing;
-    }
-    made.share = share(setup_);
-    if (!cable.control.empty()) made.retraction = index_of(cable.control);
-    const std::vector<Eigen::VectorXd> points = points_of(cable);
-    const Mesh& mesh = builder_.mesh();
-    for (size_t i = 0; i < points.size(); ++i) {
-      const bool fixed = (i == 0 && cable.start_fixed) || (i + 1 == points.size() && cable.end_fixed);
-      const auto inside = [&] {
-        return cable.body.empty() ? locate(mesh, points[i]) : locate(mesh, points[i], mesh.part(cable.body));
-      };
-      made.points.push_back({fixed ? MaterialPoint{} : inside(), points[i]});
-    }
-    builder_.add_cable(made);
-    built_.cables.push_back(std::move(made));
-  };
-  if (std::any_of(setup_.cables.cables.begin(), setup_.cables.cables.end(),
-                  [](const CableSettings& cable) { return !cable.own; }))
-    at(setup_, "[cables]", [&] { declare_shared_law(shared_k, shared_slack); });
-  for (const CableSettings& cable : setup_.cables.cables)
-    at(setup_, fmt::format("{} '{}'", cable.own ? "[[cable]]" : "cable", cable.id), [&] { add(cable); });
-}
-
-/// The pressure at which two faces rest half a contact gap apart, region by region; fixed for a run. Too small, and
-/// faces come so near that the Hessian is ill-conditioned; too large, and the barrier acts within a sliver of its gap
-/// that Newton's method finds and loses again. Soft bodies bear pressures of about their modulus; what presses stiff
-/// ones together are the forces that the soft ones, the cables against them, and the loads bring.
-std::map<std::string, double> Assembler::contact_pressures() const {
-  const double load = options_.largest_force / (0.05 * builder_.mesh().diagonal() * setup_.thickness);
-  std::map<std::string, double> pressures;
-  for (const MaterialSettings& material : setup_.materials) {
-    double& pressure = pressures[material.region];
-    const auto given = setup_.contact.pressure.find(material.region);
-    pressure = given != setup_.contact.pressure.end()
-                   ? given->second
-                   : std::min(material.constants.at("E"), 10 * softest(setup_) + load);
-    if (setup_.contact.stiffness) pressure = *setup_.contact.stiffness;
-  }
-  return pressures;
-}
-
-/// Boundaries that do not cross may still be one inside the other.
-void Assembler::refuse_nested_bodies() const {
-  const Mesh& mesh = builder_.mesh();
-  for (const Part& outer : mesh.parts) {
-    for (const Part& inner : mesh.parts) {
-      const auto joins = [&](const JointSettings& joint) {
-        return (joint.part_a == outer.name && joint.part_b == inner.name) ||
-               (joint.part_a == inner.name && joint.part_b == outer.name);
-      };
-      if (&outer == &inner || std::any_of(setup_.joints.begin(), setup_.joints.end(), joins)) continue;
-      try {
-        locate(mesh, mesh.node(inner.first_node), outer);
-      } catch (const InputError&) {
-        continue;
-      }
-      throw InputError(
-          fmt::format("body '{}' lies inside body '{}' at rest; move one of them", inner.name, outer.name));
-    }
-  }
-}
-
-void Assembler::add_contact() {
-  refuse_nested_bodies();
-  const std::map<std::string, double> pressures = contact_pressures();
-  const auto watch = [&](const auto& contact) {
-    built_.intersects = [&contact](const Eigen::VectorXd& u) { return contact.intersects(u); };
-    built_.smallest_distance = [&contact](const Eigen::VectorXd& u, double horizon) {
-      return contact.smallest_distance(u, horizon);
-    };
-  };
-  const SurfaceSettings& settings = setup_.contact;
-  double diagonal = builder_.mesh().diagonal();
-  if (depth_cells(setup_) > 0)  // that of the section
-    diagonal = std::sqrt(std::pow(diagonal, 2) - std::pow(setup_.thickness / 2, 2));
-  const double gap = settings.gap > 0 ? settings.gap : contact_gap(setup_.bodies.front().mesh, diagonal);
-  if (builder_.mesh().dimension() == 2) {
-    std::vector<GroundLine> grounds;
-    for (const GroundSettings& ground : settings.grounds) grounds.push_back({ground.point, ground.normal});
-    built_.contact = &builder_.add_contact(gap, pressures, settings.obstacles, grounds, settings.form);
-    return watch(*built_.contact);
-  }
-  std::vector<GroundPlane> grounds;
-  for (const GroundSettings& ground : settings.grounds) grounds.push_back({ground.point, ground.normal});
-  watch(builder_.add_contact_3d(gap, pressures, grounds));
-}
-
-/// Displacement weights of a point, a tag's mean, or a body's centre of mass.
-Eigen::VectorXd Assembler::place_weights(const ChannelSettings& channel, const Eigen::VectorXd& direction) const {
-  const Mesh& mesh = this->mesh();
-  if (!channel.point.empty()) return point_weights(mesh, locate(mesh, vector_of(channel.point)), direction);
-  const bool body =
-      std::any_of(mesh.parts.begin(), mesh.parts.end(), [&](const Part& part) { return part.name == channel.on; });
-  if (!body) return mean_weights(mesh, mesh.select(channel.on), direction);
-  const Part& part = mesh.part(channel.on);
-  Eigen::VectorXd weights = Eigen::VectorXd::Zero(mesh.X.size());
-  double mass = 0;
-  const bool known = std::all_of(setup_.materials.begin(), setup_.materials.end(),
-                                 [](const MaterialSettings& material) { return material.density.has_value(); });
-  const std::vector<double> measures = element_measures(mesh);
-  // Only this part's nodes: parts share no nodes.
-  const Eigen::Index first = static_cast<Eigen::Index>(part.first_node) * mesh.dimension(),
-                     count = static_cast<Eigen::Index>(part.node_count) * mesh.dimension();
-  for (const MaterialSettings& material : setup_.materials) {
-    const int region = mesh.region_index(material.region);
-    const double density = known ? *material.density : 1.0;
-    weights.segment(first, count) += density * body_weights(mesh, region, direction.normalized()).segment(first, count);
-    for (int e = part.first_element; e < part.first_element + part.element_count; ++e) {
-      if (mesh.region[static_cast<size_t>(e)] == region) mass += density * measures[static_cast<size_t>(e)];
-    }
-  }
-  return weights / mass;
-}
-
-void Assembler::read_place(const ChannelSettings& channel, SceneReading& reading) const {
-  const Eigen::VectorXd direction = vector_of(channel.direction);
-  const Eigen::VectorXd weights = place_weights(channel, direction);
-  const bool position = channel.kind == ChannelSettings::Kind::position;
-  if (position) reading.rest = weights.dot(mesh().X);
-  if (channel.standoff.empty() || channel.point.empty()) {
-    reading.channel = make_linear_channel(weights);
-    return;
-  }
-  const Eigen::VectorXd standoff = vector_of(channel.standoff);
-  if (position) reading.rest += direction.normalized().dot(standoff);
-  reading.channel = make_marker_channel(mesh(), locate(mesh(), vector_of(channel.point)), standoff,
-                                        mesh().select(channel.turns_with), direction);
-}
-
-SceneReading Assembler::make_reading(const ChannelSettings& channel) const {
-  using Kind = ChannelSettings::Kind;
-  SceneReading reading;
-  reading.id = channel.id;
-  reading.unit = unit_of(channel.kind);
-  const auto place_in = [&](const auto& settings, const auto& made) -> const auto& {
-    const auto found =
-        std::find_if(settings.begin(), settings.end(), [&](const auto& item) { return item.id == channel.on; });
-    return made.at(static_cast<size_t>(found - settings.begin()));
-  };
-  const auto cable = [&]() -> const Cable& { return place_in(setup_.cables.cables, built_.cables); };
-  const auto joint = [&]() -> const Joint& { return place_in(setup_.joints, built_.joints); };
-  const Eigen::VectorXd direction = vector_of(channel.direction);
-  reading.meaning = fmt::format("{} of {}", name_of(channel.kind), channel.on.empty() ? "a point" : channel.on);
-  switch (channel.kind) {
-    case Kind::position:
-    case Kind::displacement:
-      read_place(channel, reading);
-      break;
-    case Kind::rotation:
-      reading.channel = make_rotation_channel(mesh(), mesh().select(channel.on), direction);
-      break;
-    case Kind::tension:
-      reading.meaning = "tension of cable " + channel.on;
-      reading.channel = make_cable_tension(mesh(), cable());
-      break;
-    case Kind::length:
-      reading.meaning = "length of cable " + channel.on;
-      reading.channel = make_cable_length(mesh(), cable());
-      break;
-    case Kind::joint_gap:
-      reading.meaning = "gap of joint " + channel.on;
-      reading.channel = make_joint_gap(mesh(), joint());
-      break;
-    case Kind::joint_angle:
-      reading.meaning = "angle of joint " + channel.on;
-      reading.channel = make_joint_angle(mesh(), joint());
-      break;
-    case Kind::joint_torque:
-      reading.meaning = "torque of joint " + channel.on;
-      reading.channel = make_joint_torque(mesh(), joint());
-      break;
-    case Kind::reaction:
-      if (options_.rigid_segments)
-        throw InputError(
-            "a rigid region does not say which of its nodes bear the reaction; set model = \"full\", or measure "
-            "something else");
-      reading.channel = make_reaction(*built_.scene.model, mesh().select(channel.on), direction, share(setup_));
-      break;
-    case Kind::net_force:
-      reading.meaning = "force on " + channel.on;
-      reading.part = static_cast<int>(&mesh().part(channel.on) - mesh().parts.data());
-      reading.direction = direction.normalized();
-      break;
-  }
-  return reading;
-}
 
 }  // namespace
 

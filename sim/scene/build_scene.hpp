@@ -7,21 +7,10 @@
 #include <vector>
 
 #include "sim/core/error.hpp"
-#include "sim/model/channel.hpp"
+#include "sim/scene/channel_kinds.hpp"
 #include "sim/scene/scene.hpp"
-#include "sim/scene/setup.hpp"
 
 namespace taut {
-
-/// What a channel of a setup reads: of the state, or where `part` >= 0 the net force on a part, which needs a time
-/// step.
-struct SceneReading {
-  std::string id, unit, meaning;
-  std::unique_ptr<Channel> channel;  ///< y(u; p)
-  double rest = 0;                   ///< added to it: a position is rest and displacement
-  int part = -1;                     ///< of a net force
-  Eigen::VectorXd direction;         ///< of a net force, unit length
-};
 
 /// The model of a setup, and what its file's names mean in it.
 struct BuiltScene {
@@ -61,10 +50,6 @@ auto at(const Setup& setup, const std::string& part, Action&& action) {
     if (std::string_view(error.what()).starts_with(setup.path + ":")) throw;  // it says where, to the line
     throw InputError(fmt::format("{}: {}: {}", setup.path, part, error.what()));
   }
-}
-
-inline Eigen::VectorXd vector_of(const std::vector<double>& values) {
-  return Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
 }
 
 }  // namespace taut

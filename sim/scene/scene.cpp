@@ -5,6 +5,8 @@
 #include <Eigen/QR>
 #include <algorithm>
 #include <functional>
+#include <stdexcept>
+#include <type_traits>
 
 #include "sim/core/error.hpp"
 #include "sim/mesh/weights.hpp"
@@ -58,6 +60,7 @@ SceneBuilder::SceneBuilder(Mesh mesh, Plane plane, double thickness)
       plane_(plane),
       has_material_(mesh_.region_names.size()),
       modulus_(mesh_.region_names.size(), -1),
+      stiffness_(mesh_.region_names.size(), 0.0),
       rigid_(mesh_.region_names.size(), false) {
   if (mesh_.dimension() == 2) {
     thickness_ = declare({"thickness", "t", "m", 1e-9, 1e3, "thickness out of the plane"}, thickness);
@@ -83,26 +86,12 @@ void SceneBuilder::add_solid(const std::string& region, const std::string& law,
   definition.plane = plane_;
   definition.formulation = formulation;
   definition.thickness = thickness_;
-  std::vector<std::string> known;
-  for (const ParameterSpec& spec : material_parameters(law)) known.push_back(spec.id);
-  for (const auto& [id, value] : constants) {
-    if (std::find(known.begin(), known.end(), id) == known.end()) {
-      throw InputError(fmt::format("material of region '{}': '{}' has no constant '{}'{}; it has: {}", region, law, id,
-                                   did_you_mean(id, known), join(known)));
-    }
-  }
-  for (ParameterSpec spec : material_parameters(law)) {
-    const auto found = constants.find(spec.id);
-    if (found == constants.end()) {
-      throw InputError(fmt::format("material of region '{}': {} ({}) is missing; law '{}' needs {}", region, spec.id,
-                                   spec.meaning, law, join(known)));
-    }
-    spec.id += "_" + region;
-    spec.meaning += " of " + region;
+  for (auto& [spec, value] : region_parameters(region, law, constants)) {
     const bool modulus = spec.id == "E_" + region;
-    definition.parameters.push_back(declare(std::move(spec), found->second));
+    definition.parameters.push_back(declare(std::move(spec), value));
     if (modulus) modulus_[index] = definition.parameters.back();
   }
+  stiffness_[index] = youngs_modulus(law, constants);
   has_material_[index] = true;
   terms_.push_back(make_solid(mesh_, definition));
 }
@@ -139,8 +128,7 @@ void SceneBuilder::add_elastic_clamp(const std::string& tag, double rotation_sti
   if (!clamped_.empty())
     throw InputError("there is an elastic clamp already; one support may have a rotation_stiffness");
   const Tag face = mesh_.select(tag);
-  double stiffest = 0;
-  for (int index : modulus_) stiffest = std::max(stiffest, index < 0 ? 0.0 : values_[static_cast<size_t>(index)]);
+  const double stiffest = *std::max_element(stiffness_.begin(), stiffness_.end());
   const int rotation =
       declare({"k_base", "c", "Nm/rad", 1e-9, 1e12, "rotation stiffness of the clamp", true}, rotation_stiffness);
   // A hundred times what the material resists: the face's mean then moves less than the material beside it is strained.
@@ -160,19 +148,20 @@ void SceneBuilder::check_direction(const Eigen::VectorXd& direction) const {
   }
 }
 
+void SceneBuilder::add_load(const Eigen::VectorXd& weights, std::vector<int> factors) {
+  std::erase_if(factors, [](int index) { return index < 0; });
+  terms_.push_back(make_load(weights, factors));
+}
+
 void SceneBuilder::add_force(const std::string& tag, const Eigen::VectorXd& direction, int control, int gravity) {
   check_direction(direction);
-  std::vector<int> factors{control};
-  if (gravity >= 0) factors.push_back(gravity);
-  terms_.push_back(make_load(mean_weights(mesh_, mesh_.select(tag), direction), factors));
+  add_load(mean_weights(mesh_, mesh_.select(tag), direction), {control, gravity});
 }
 
 void SceneBuilder::add_point_force(const Eigen::VectorXd& point, const Eigen::VectorXd& direction, int control,
                                    int gravity) {
   check_direction(direction);
-  std::vector<int> factors{control};
-  if (gravity >= 0) factors.push_back(gravity);
-  terms_.push_back(make_load(point_weights(mesh_, locate(mesh_, point), direction), factors));
+  add_load(point_weights(mesh_, locate(mesh_, point), direction), {control, gravity});
 }
 
 void SceneBuilder::add_traction(const std::string& tag, const Eigen::VectorXd& direction, int control) {
@@ -181,9 +170,7 @@ void SceneBuilder::add_traction(const std::string& tag, const Eigen::VectorXd& d
   if (facets.dimension != mesh_.dimension() - 1)
     throw InputError(
         fmt::format("a traction acts on {}, and '{}' is not one", mesh_.dimension() == 3 ? "a face" : "an edge", tag));
-  std::vector<int> factors{control};
-  if (thickness_ >= 0) factors.push_back(thickness_);
-  terms_.push_back(make_load(mean_weights(mesh_, facets, direction) * measure_of(mesh_, facets), factors));
+  add_load(mean_weights(mesh_, facets, direction) * measure_of(mesh_, facets), {control, thickness_});
 }
 
 void SceneBuilder::add_line_load(const std::string& tag, const Eigen::VectorXd& direction, int control) {
@@ -193,18 +180,16 @@ void SceneBuilder::add_line_load(const std::string& tag, const Eigen::VectorXd& 
     throw InputError(fmt::format(
         "a line load acts on {}, and '{}' is not one",
         mesh_.dimension() == 3 ? "an edge, such as \"xmax & zmax\"" : "a point, such as \"xmax & ymax\"", tag));
-  std::vector<int> factors{control};
-  if (thickness_ >= 0) factors.push_back(thickness_);  // in 2D the line runs through the thickness
-  terms_.push_back(
-      make_load(mean_weights(mesh_, line, direction) * (thickness_ >= 0 ? 1.0 : measure_of(mesh_, line)), factors));
+  // In 2D the line runs through the thickness.
+  add_load(mean_weights(mesh_, line, direction) * (thickness_ >= 0 ? 1.0 : measure_of(mesh_, line)),
+           {control, thickness_});
 }
 
 void SceneBuilder::add_weight(const std::string& region, double density, const Eigen::VectorXd& direction,
                               int gravity) {
   check_direction(direction);
-  std::vector<int> factors{density_of(region, density), gravity};
-  if (thickness_ >= 0) factors.push_back(thickness_);
-  terms_.push_back(make_load(body_weights(mesh_, mesh_.region_index(region), direction), factors));
+  add_load(body_weights(mesh_, mesh_.region_index(region), direction),
+           {density_of(region, density), gravity, thickness_});
 }
 
 int SceneBuilder::density_of(const std::string& region, double density) {
@@ -255,10 +240,8 @@ Joint SceneBuilder::add_joint(const JointSettings& settings, int angle) {
     if (name == "world") return world_attachment(point);
     try {
       const Part part = part_called(name);
-      for (int e = part.first_element; e < part.first_element + part.element_count; ++e) {
-        const int index = modulus_[static_cast<size_t>(mesh_.region[static_cast<size_t>(e)])];
-        if (index >= 0) stiffest = std::max(stiffest, values_[static_cast<size_t>(index)]);
-      }
+      for (int e = part.first_element; e < part.first_element + part.element_count; ++e)
+        stiffest = std::max(stiffest, stiffness_[static_cast<size_t>(mesh_.region[static_cast<size_t>(e)])]);
       return make_attachment(mesh_, part, point, settings.radius);
     } catch (const InputError& error) {
       throw InputError(fmt::format("{}: {}", where, error.what()));
@@ -310,56 +293,17 @@ std::vector<int> SceneBuilder::part_of_nodes() const {
   return part;
 }
 
-const Contact& SceneBuilder::add_contact(double gap, const std::map<std::string, double>& pressures,
-                                         const std::vector<std::vector<Eigen::Vector2d>>& obstacles,
-                                         const std::vector<GroundLine>& grounds, ContactForm form) {
-  if (mesh_.dimension() != 2) throw InputError("contact with lines is for 2D models; use the one of 3D models");
+template <class AnyContact, class AnySettings>
+const AnyContact& SceneBuilder::add_surface(AnySettings settings, double gap,
+                                            const std::map<std::string, double>& pressures, const char* unit) {
   check_materials();
-  ContactSettings settings;
-  settings.form = form;
-  settings.obstacles = obstacles;
-  settings.grounds = grounds;
-  settings.thickness = thickness_;
-  settings.part = part_of_nodes();
-  settings.apart = joined_;
-  settings.gap = declare({"contact_gap", "dhat", "m", 1e-9, 1, "distance at which the contact barrier sets in"}, gap);
-  std::vector<int> stiffness;
-  for (const std::string& region : mesh_.region_names) {
-    stiffness.push_back(declare({"contact_pressure_" + region, "kappa",
-                                 form == ContactForm::pair_sum || form == ContactForm::pair_sum_dedup ? "N/m" : "Pa",
-                                 1e-9, 1e15, "barrier stiffness of " + region, true},
-                                pressures.at(region)));
-  }
-  std::map<std::array<int, 2>, int> region_of;  // of an edge, by its nodes in either order
-  for (int e = 0; e < mesh_.element_count(); ++e) {
-    for (int a = 0; a < mesh_.nodes_per_element(); ++a) {
-      for (int b = 0; b < mesh_.nodes_per_element(); ++b)
-        region_of[{mesh_.element(e)[a], mesh_.element(e)[b]}] = mesh_.region[static_cast<size_t>(e)];
-    }
-  }
-  settings.edges = contact_edges(mesh_);
-  for (const std::array<int, 2>& edge : settings.edges)
-    settings.stiffness.push_back(stiffness[static_cast<size_t>(region_of.at(edge))]);
-  auto contact = std::make_unique<Contact>(mesh_, settings);
-  check_rest(*contact, mesh_.X.size(), gap);
-  const Contact& added = *contact;
-  terms_.push_back(std::move(contact));
-  return added;
-}
-
-const Contact3d& SceneBuilder::add_contact_3d(double gap, const std::map<std::string, double>& pressures,
-                                              const std::vector<GroundPlane>& grounds) {
-  if (mesh_.dimension() != 3) throw InputError("contact with planes is for 3D models; use the one of 2D models");
-  check_materials();
-  Contact3dSettings settings;
-  settings.grounds = grounds;
   settings.part = part_of_nodes();
   settings.apart = joined_;
   settings.gap = declare({"contact_gap", "dhat", "m", 1e-9, 1, "distance at which the contact barrier sets in"}, gap);
   std::vector<int> stiffness;
   for (const std::string& region : mesh_.region_names) {
     stiffness.push_back(
-        declare({"contact_pressure_" + region, "kappa", "Pa", 1e-9, 1e15, "barrier stiffness of " + region, true},
+        declare({"contact_pressure_" + region, "kappa", unit, 1e-9, 1e15, "barrier stiffness of " + region, true},
                 pressures.at(region)));
   }
   std::vector<std::vector<int>> elements_at(static_cast<size_t>(mesh_.node_count()));
@@ -367,21 +311,48 @@ const Contact3d& SceneBuilder::add_contact_3d(double gap, const std::map<std::st
     for (int a = 0; a < mesh_.nodes_per_element(); ++a)
       elements_at[static_cast<size_t>(mesh_.element(e)[a])].push_back(e);
   }
-  settings.triangles = contact_triangles(mesh_);
-  for (const std::array<int, 3>& triangle : settings.triangles) {
-    // The three nodes of a boundary triangle are together in one element only.
-    for (int e : elements_at[static_cast<size_t>(triangle[0])]) {
+  const auto stiffness_of = [&](const auto& facet) {
+    // The nodes of a boundary facet are together in one element only.
+    for (int e : elements_at[static_cast<size_t>(facet[0])]) {
       const int *first = mesh_.element(e), *last = first + mesh_.nodes_per_element();
-      if (std::find(first, last, triangle[1]) == last || std::find(first, last, triangle[2]) == last) continue;
-      settings.stiffness.push_back(stiffness[static_cast<size_t>(mesh_.region[static_cast<size_t>(e)])]);
-      break;
+      if (std::all_of(facet.begin(), facet.end(), [&](int node) { return std::find(first, last, node) != last; }))
+        return stiffness[static_cast<size_t>(mesh_.region[static_cast<size_t>(e)])];
     }
+    throw std::logic_error("SceneBuilder: a facet of the boundary is of no element");
+  };
+  if constexpr (std::is_same_v<AnyContact, Contact>) {
+    settings.edges = contact_edges(mesh_);
+    for (const auto& edge : settings.edges) settings.stiffness.push_back(stiffness_of(edge));
+  } else {
+    settings.triangles = contact_triangles(mesh_);
+    for (const auto& triangle : settings.triangles) settings.stiffness.push_back(stiffness_of(triangle));
   }
-  auto contact = std::make_unique<Contact3d>(mesh_, settings);
+  auto contact = std::make_unique<AnyContact>(mesh_, settings);
   check_rest(*contact, mesh_.X.size(), gap);
-  const Contact3d& added = *contact;
+  const AnyContact& added = *contact;
   terms_.push_back(std::move(contact));
   return added;
+}
+
+const Contact& SceneBuilder::add_contact(double gap, const std::map<std::string, double>& pressures,
+                                         const std::vector<std::vector<Eigen::Vector2d>>& obstacles,
+                                         const std::vector<GroundLine>& grounds, ContactForm form) {
+  if (mesh_.dimension() != 2) throw InputError("contact with lines is for 2D models; use the one of 3D models");
+  ContactSettings settings;
+  settings.form = form;
+  settings.obstacles = obstacles;
+  settings.grounds = grounds;
+  settings.thickness = thickness_;
+  const bool pairs = form == ContactForm::pair_sum || form == ContactForm::pair_sum_dedup;
+  return add_surface<Contact>(std::move(settings), gap, pressures, pairs ? "N/m" : "Pa");
+}
+
+const Contact3d& SceneBuilder::add_contact_3d(double gap, const std::map<std::string, double>& pressures,
+                                              const std::vector<GroundPlane>& grounds) {
+  if (mesh_.dimension() != 3) throw InputError("contact with planes is for 3D models; use the one of 2D models");
+  Contact3dSettings settings;
+  settings.grounds = grounds;
+  return add_surface<Contact3d>(std::move(settings), gap, pressures, "Pa");
 }
 
 /// The supports must fix all translations and rotations of every connected part, or the Hessian at rest is singular.

@@ -51,6 +51,8 @@ class SceneBuilder {
   /// u[component] = p[control] on all nodes of a tag.
   void prescribe(const std::string& tag, int component, int control);
 
+  /// Dead load weights . u times the parameters at the table indices `factors`; negative ones do not count.
+  void add_load(const Eigen::VectorXd& weights, std::vector<int> factors);
   /// Dead force of p[control] newtons in all, spread evenly over a tag; with `gravity` >= 0 the control is a mass [kg]
   /// and the force p[control] * p[gravity].
   void add_force(const std::string& tag, const Eigen::VectorXd& direction, int control, int gravity = -1);
@@ -103,6 +105,9 @@ class SceneBuilder {
   Scene build(bool free_bodies = false);
 
  private:
+  template <class AnyContact, class AnySettings>
+  const AnyContact& add_surface(AnySettings settings, double gap, const std::map<std::string, double>& pressures,
+                                const char* unit);
   void support(const std::string& tag, int component, int control);
   int density_of(const std::string& region, double density);
   std::vector<int> part_of_nodes() const;
@@ -118,8 +123,9 @@ class SceneBuilder {
   std::vector<double> values_;
   std::vector<std::unique_ptr<Term>> terms_;
   std::vector<bool> has_material_;
-  std::vector<int> modulus_;  ///< per region: table index of its Young's modulus, -1 without one
-  std::vector<bool> rigid_;   ///< per region
+  std::vector<int> modulus_;       ///< per region: table index of its Young's modulus, -1 without one
+  std::vector<double> stiffness_;  ///< per region: its Young's modulus at small strain [Pa], 0 without a material
+  std::vector<bool> rigid_;        ///< per region
   std::map<int, Support> supports_;
   std::vector<int> clamped_;  ///< nodes of elastic clamps
   std::vector<Joint> joints_;

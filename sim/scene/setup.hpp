@@ -3,7 +3,6 @@
 #include <map>
 #include <optional>
 #include <string>
-#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -13,6 +12,8 @@
 #include "sim/terms/inertia.hpp"
 
 namespace taut {
+
+struct ChannelKind;
 
 /// One body: its geometry about its own origin, and where it is put. Its tags are "NAME.TAG", or "TAG" in a setup of
 /// one body without a name.
@@ -114,35 +115,14 @@ struct SurfaceSettings {
 
 /// What is measured at a bench, or recorded at every step of a simulation.
 struct ChannelSettings {
-  enum class Kind {
-    displacement,  ///< of a tag's mean, a body's centre of mass, a material point or a marker, along `direction` [m]
-    position,      ///< the same, from the origin [m]
-    rotation,      ///< of a tag's facets about z (2D) or `direction` (3D), from rest [rad]
-    tension,       ///< of a cable [N]
-    length,        ///< of a cable, from its first point to its last [m]
-    joint_gap,     ///< [m]
-    joint_angle,   ///< [rad]
-    joint_torque,  ///< [Nm]
-    reaction,      ///< the force that what supports a tag exerts on it along `direction` [N]; at rest only
-    net_force      ///< on a body by all others but gravity, along `direction` [N]: mass times acceleration less weight
-  };
   std::string id;
-  Kind kind = Kind::displacement;
-  std::string on;                ///< tag, body, cable or joint, or
-  std::vector<double> point;     ///< a material point [m]
-  std::vector<double> standoff;  ///< marker off the surface [m], empty: none
-  std::string turns_with;        ///< tag that the stand-off turns with
+  const ChannelKind* kind = nullptr;  ///< a row of channel_kinds()
+  std::string on;                     ///< tag, body, cable or joint, or
+  std::vector<double> point;          ///< a material point [m]
+  std::vector<double> standoff;       ///< marker off the surface [m], empty: none
+  std::string turns_with;             ///< tag that the stand-off turns with
   std::vector<double> direction;
-
-  bool of_place() const { return kind == Kind::displacement || kind == Kind::position; }
-  bool of_cable() const { return kind == Kind::tension || kind == Kind::length; }
-  bool of_joint() const { return kind == Kind::joint_gap || kind == Kind::joint_angle || kind == Kind::joint_torque; }
 };
-
-/// As files have it.
-std::string_view name_of(ChannelSettings::Kind kind);
-/// The SI unit of what a channel reads.
-std::string_view unit_of(ChannelSettings::Kind kind);
 
 /// Everything physical that a file describes, as plain data in SI units: what build_scene() makes a model of.
 struct Setup {
@@ -163,6 +143,13 @@ struct Setup {
   std::vector<JointSettings> joints;
   SurfaceSettings contact;
   std::vector<ChannelSettings> channels;
+
+  /// Of the whole body in the model: one half of a solid has a plane of symmetry.
+  double share() const { return bodies.front().mesh.depth_cells > 0 ? 0.5 : 1.0; }
 };
+
+inline Eigen::VectorXd vector_of(const std::vector<double>& values) {
+  return Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
+}
 
 }  // namespace taut

@@ -287,21 +287,6 @@ class Solid final : public Term {
   std::vector<Geometry> elements_;
 };
 
-/// Calls `action` with a default-constructed material of the named law.
-template <class Action>
-auto with_law(std::string_view law, Action&& action) {
-  using First = std::tuple_element_t<0, AllMaterials<>>;
-  decltype(action(First{})) result{};
-  bool found = false;
-  std::apply([&](auto... material) { ((material.id == law ? (result = action(material), found = true) : false), ...); },
-             AllMaterials<>{});
-  if (!found) {
-    throw InputError(fmt::format("unknown material law '{}'{}; known laws: {}", law, did_you_mean(law, material_laws()),
-                                 join(material_laws())));
-  }
-  return result;
-}
-
 }  // namespace
 
 std::unique_ptr<Term> make_solid(const Mesh& mesh, const SolidDefinition& definition) {
@@ -328,19 +313,6 @@ std::unique_ptr<Term> make_solid(const Mesh& mesh, const SolidDefinition& defini
       }
       return std::make_unique<Solid<shape, Material, Direct>>(mesh, definition);
     });
-  });
-}
-
-std::vector<std::string> material_laws() {
-  std::vector<std::string> names;
-  std::apply([&](auto... material) { (names.emplace_back(material.id), ...); }, AllMaterials<>{});
-  return names;
-}
-
-std::vector<ParameterSpec> material_parameters(std::string_view law) {
-  return with_law(law, [](auto material) {
-    const auto specs = material.parameters();
-    return std::vector<ParameterSpec>(specs.begin(), specs.end());
   });
 }
 

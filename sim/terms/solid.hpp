@@ -1,9 +1,9 @@
 #pragma once
 #include <memory>
 #include <string>
-#include <string_view>
 #include <vector>
 
+#include "sim/materials/laws.hpp"
 #include "sim/mesh/mesh.hpp"
 #include "sim/model/term.hpp"
 
@@ -36,11 +36,6 @@ struct SolidDefinition {
 /// at a quadrature point. Throws InputError for an unknown law, and for the locking-free formulation where it has no
 /// meaning: linear elements, plane stress (which does not lock) and laws without a separate energy of volume change.
 std::unique_ptr<Term> make_solid(const Mesh& mesh, const SolidDefinition& definition);
-
-/// Ids of all laws, for help texts and messages.
-std::vector<std::string> material_laws();
-/// Parameter declarations of a law (ids without the region). Throws InputError with the nearest name.
-std::vector<ParameterSpec> material_parameters(std::string_view law);
 
 /// Smallest J = det F over all quadrature points and nodes of the mesh: <= 0 means that an element has folded, which
 /// quadratic elements can do between their quadrature points.

@@ -2,6 +2,7 @@
 
 #include <chrono>
 
+#include "calib/files/experiment.hpp"
 #include "calib/fit/fit.hpp"
 #include "calib/models/beam_model.hpp"
 #include "sim/solve/cholesky.hpp"

@@ -7,6 +7,7 @@
 #include <thread>
 
 #include "calib/data/csv_table.hpp"
+#include "calib/files/experiment.hpp"
 #include "sim/core/error.hpp"
 #include "sim/files/simulation.hpp"
 #include "tests/support/experiment_files.hpp"

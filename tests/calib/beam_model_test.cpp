@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "calib/files/experiment.hpp"
 #include "sim/shapes/grid.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/push_puppet.hpp"

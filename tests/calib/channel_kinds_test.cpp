@@ -4,6 +4,7 @@
 
 #include "calib/benches/recordings.hpp"
 #include "calib/benches/static_replay.hpp"
+#include "calib/files/experiment.hpp"
 #include "calib/models/beam_model.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"

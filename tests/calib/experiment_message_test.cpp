@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 
 #include "calib/benches/static_replay.hpp"
+#include "calib/files/experiment.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"
 

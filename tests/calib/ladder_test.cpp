@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "calib/files/experiment.hpp"
 #include "calib/fit/fit.hpp"
 #include "sim/shapes/grid.hpp"
 #include "tests/support/push_puppet.hpp"

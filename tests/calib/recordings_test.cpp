@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include "calib/files/recordings_file.hpp"
+#include "calib/files/experiment.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"
 
@@ -107,7 +107,7 @@ TEST(Recordings, SamplesAreThoseOfTheWindowInSiUnitsFromTheMeanBeforeTimeZero) {
                      "time_ms,tip_mm\n-2,1\n-1,3\n0,2.5\n10,-4\n");
   test::expect_input_error([&] { read_samples(read_experiment(files.path)); }, {"two.csv", "heavy_b", "before time 0"});
   const Folder plain(good);
-  EXPECT_TRUE(read_experiment(plain.path).recordings.has_value());
+  EXPECT_TRUE(!read_experiment(plain.path).kind->at_rest);
   const std::vector<Sample> samples = read_samples(read_experiment(plain.path));
   ASSERT_EQ(samples.size(), 6u);
   EXPECT_EQ(samples[0].time, -0.002);
@@ -121,8 +121,8 @@ TEST(Recordings, SamplesAreThoseOfTheWindowInSiUnitsFromTheMeanBeforeTimeZero) {
   EXPECT_EQ(samples[5].sigma, 0.5e-3);
 
   Experiment before = read_experiment(plain.path);
-  before.recordings->from_mean_before = true;
-  before.recordings->recordings.pop_back();
+  recordings_of(before).from_mean_before = true;
+  recordings_of(before).recordings.pop_back();
   EXPECT_NEAR(read_samples(before)[3].value, -0.006, 1e-15);
 }
 

@@ -1,3 +1,4 @@
+#include "calib/files/experiment.hpp"
 #include "sim/shapes/grid.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/push_puppet.hpp"

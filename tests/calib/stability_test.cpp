@@ -4,6 +4,7 @@
 
 #include <cmath>
 
+#include "calib/files/experiment.hpp"
 #include "sim/files/simulation.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"

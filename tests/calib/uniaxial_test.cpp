@@ -1,6 +1,6 @@
 #include "calib/benches/uniaxial.hpp"
 
-#include "calib/files/uniaxial_file.hpp"
+#include "calib/files/experiment.hpp"
 #include "sim/materials/neo_hookean.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"
@@ -145,7 +145,7 @@ TEST(Uniaxial, ExperimentFilesAreRead) {
   const TemporaryFolder folder;
   const std::string path = written(folder);
   const Experiment experiment = read_experiment(path);
-  EXPECT_TRUE(experiment.material_point);
+  EXPECT_FALSE(experiment.kind->specimen);
   EXPECT_EQ(experiment.materials.front().constants.at("alpha"), 8);
   ASSERT_EQ(experiment.variants.size(), 1u);
   EXPECT_EQ(experiment.variants[0].constants.at("E"), 1e5) << "the material's own where the variant gives none";

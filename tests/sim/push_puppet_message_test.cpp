@@ -4,6 +4,7 @@
 #include <sstream>
 
 #include "calib/benches/static_replay.hpp"
+#include "calib/files/experiment.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"
 

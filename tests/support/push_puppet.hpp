@@ -1,5 +1,6 @@
 #pragma once
 #include "calib/benches/static_replay.hpp"
+#include "calib/files/experiment.hpp"
 #include "sim/contact/contact.hpp"
 #include "sim/shapes/push_puppet.hpp"
 

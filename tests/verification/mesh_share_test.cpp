@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include "calib/files/experiment.hpp"
 #include "calib/studies/discretisation.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/push_puppet.hpp"

@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include "calib/files/experiment.hpp"
 #include "calib/fit/fit.hpp"
 #include "calib/models/beam_model.hpp"
 #include "tests/support/push_puppet.hpp"

@@ -5,6 +5,7 @@
 
 #include "calib/benches/recordings.hpp"
 #include "calib/data/ring_down.hpp"
+#include "calib/files/experiment.hpp"
 
 namespace taut {
 namespace {
@@ -18,7 +19,7 @@ struct Swing {
 std::vector<Swing> swings(const Experiment& experiment, const std::vector<Sample>& samples,
                           const Eigen::VectorXd& predicted) {
   std::vector<Swing> result;
-  for (size_t r = 0; r < experiment.recordings->recordings.size(); ++r) {
+  for (size_t r = 0; r < recordings_of(experiment).recordings.size(); ++r) {
     std::vector<double> times, measured, simulated;
     for (size_t i = 0; i < samples.size(); ++i) {
       if (samples[i].recording != static_cast<int>(r)) continue;
@@ -27,7 +28,7 @@ std::vector<Swing> swings(const Experiment& experiment, const std::vector<Sample
       simulated.push_back(predicted[static_cast<Eigen::Index>(i)]);
     }
     result.push_back(
-        {experiment.recordings->recordings[r].case_id, ring_down(times, measured), ring_down(times, simulated)});
+        {recordings_of(experiment).recordings[r].case_id, ring_down(times, measured), ring_down(times, simulated)});
   }
   return result;
 }
@@ -41,7 +42,7 @@ struct QuickSwing {
 
   QuickSwing() {
     experiment.mesh.cells = {6, 2};
-    experiment.dynamics.step = 3e-3;
+    recordings_of(experiment).step = 3e-3;
     samples = read_samples(experiment);
     bench = make_recording_replay(experiment, experiment.mesh, samples);
     p = bench.protocol->nominal();
@@ -90,7 +91,7 @@ TEST(SlowSiliconeSwing, AHungLoadMovesAsAMassNotAsAForceAlone) {
   // With its weight but without its inertia, the block swings about as fast as without load.
   QuickSwing quick;
   for (LoadSettings& load : quick.experiment.loads) load.quantity = Quantity::force;
-  for (RecordingSettings& recording : quick.experiment.recordings->recordings) {
+  for (RecordingSettings& recording : recordings_of(quick.experiment).recordings) {
     for (auto& [id, value] : recording.loads) value *= quick.experiment.gravity;
   }
   quick.bench = make_recording_replay(quick.experiment, quick.experiment.mesh, quick.samples);

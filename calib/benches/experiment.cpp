@@ -1,0 +1,34 @@
+#include "calib/benches/experiment.hpp"
+
+#include <algorithm>
+
+#include "sim/files/toml_reader.hpp"
+
+namespace taut {
+
+const std::vector<std::pair<std::string, Rung>>& rungs() {
+  static const std::vector<std::pair<std::string, Rung>> all{{"full", Rung::full},
+                                                             {"beam", Rung::beam},
+                                                             {"rigid_segments", Rung::rigid_segments},
+                                                             {"solid", Rung::solid},
+                                                             {"auto", Rung::automatic}};
+  return all;
+}
+
+std::string_view name_of(Rung rung) {
+  return std::find_if(rungs().begin(), rungs().end(), [&](const auto& known) { return known.second == rung; })->first;
+}
+
+InstrumentNoise read_noise(TableReader& table, Quantity quantity) {
+  InstrumentNoise noise;
+  auto given = table.optional_table("noise");
+  if (!given) return noise;
+  noise.absolute = given->optional_quantity("absolute", quantity).value_or(0);
+  noise.relative = given->optional_quantity("relative", Quantity::pure).value_or(0);
+  noise.resolution = given->optional_quantity("resolution", quantity).value_or(0);
+  if (noise.absolute < 0 || noise.relative < 0 || noise.resolution < 0) given->fail("", "noise must not be negative");
+  given->finish();
+  return noise;
+}
+
+}  // namespace taut

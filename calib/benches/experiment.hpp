@@ -1,0 +1,106 @@
+#pragma once
+#include <any>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "calib/data/trials.hpp"
+#include "sim/scene/setup.hpp"
+#include "sim/solve/equilibrium.hpp"
+
+namespace taut {
+
+class Bench;
+class TableReader;
+struct Experiment;
+
+struct FreeSettings {
+  std::string id;
+  std::optional<GivenValue> start, lower, upper;
+};
+
+/// A [[fit.variant]]: the same fit with another mesh; of a material point with another law, or with the readings of
+/// some modes only.
+struct VariantSettings {
+  std::string name;
+  MeshSettings mesh;
+  std::string law;                          ///< of a material point
+  std::map<std::string, double> constants;  ///< its constants, SI
+  std::vector<std::string> modes;           ///< "tension", "compression", "shear"
+};
+
+/// [fit.diagnostic]: the parameter fitted to the readings of each value of a control alone, the others held.
+struct DiagnosticSettings {
+  std::string parameter, per;
+};
+
+struct ReferenceValue {
+  std::string parameter;
+  GivenValue value;
+  std::string source;
+};
+
+/// `model`: how much of an experiment is modelled. From cheap to full; see calib/ladder.hpp.
+enum class Rung {
+  beam,            ///< a chain of Timoshenko beams, in closed form
+  rigid_segments,  ///< finite elements, in which stiff regions are rigid
+  full,            ///< as the file says
+  solid,           ///< a plane section as a solid of its thickness
+  automatic        ///< the first of these that is good enough, row by row
+};
+
+/// All with their names as experiment files spell them; the first is that of files that name none.
+const std::vector<std::pair<std::string, Rung>>& rungs();
+std::string_view name_of(Rung rung);
+
+/// A kind of bench. A new one is a file pair with what its files say, its Bench and its row, and the row's name in
+/// calib/files/bench_kinds.hpp: files, commands and messages follow.
+struct BenchKind {
+  std::string_view name;   ///< in files: the kind in [bench]; in [geometry] where there is no specimen
+  std::string_view about;  ///< in sentences: "a material point"
+  bool specimen = true;    ///< whether there is a body with a mesh, supports, loads and channels, which all kinds share
+  bool at_rest = false;    ///< whether its readings are those of a specimen's equilibria
+  /// Reads [bench] and tables that no other kind has, after the specimen. Throws InputError with file and line.
+  void (*read)(TableReader& root, Experiment& experiment) = nullptr;
+  /// Reads the keys of a [[fit.variant]] but its name; null: those of its mesh.
+  void (*read_variant)(TableReader& table, const Experiment& experiment, VariantSettings& variant) = nullptr;
+  /// Its files of readings, the paths to be changed in place; null: experiment.bench.path.
+  std::vector<std::pair<std::string*, std::string>> (*readings)(Experiment& experiment) = nullptr;
+  /// Reads them and makes the model. Throws InputError.
+  std::unique_ptr<Bench> (*open)(Experiment experiment) = nullptr;
+};
+
+/// One experiment as its TOML file describes it, checked key by key; SI units inside. Its body and its controls become
+/// part of the setup when a model is made: with which mesh, and what the bench file's columns hold, is known only then
+/// (setup_of() in calib/benches/model.hpp).
+struct Experiment : Setup {
+  const BenchKind* kind = nullptr;
+  std::any own;  ///< settings that only its kind of bench has
+  std::string title;
+  Rung model = Rung::full;
+  double tolerance = 0.02;  ///< of model = "auto": the largest relative change by the next rung that is left aside
+  bool simulated = false;   ///< data = "simulated": said wherever the data are shown
+  GeometrySettings geometry;
+  MeshSettings mesh;
+  BenchFormat bench;
+  std::string zero_offset_per;  ///< control id: the readings at each of its values share a zero error; "": none
+  bool from_unloaded = false;
+  bool all_profiles = false;  ///< profile likelihood for every free parameter, not only where the parabola fails
+  bool mesh_share = true;     ///< a fit says what the mesh and the contact gap add to each parameter; readings at rest
+  std::optional<DiagnosticSettings> diagnostic;
+  std::vector<FreeSettings> free;
+  std::vector<VariantSettings> variants;
+  std::vector<ReferenceValue> references;
+  EquilibriumOptions equilibrium;
+  int threads = 0;
+  int trend_degree = 0;  ///< of the polynomials in the figure of the effective stiffness; 0: none
+};
+
+/// The table noise of readings of this quantity; without it there is none. Throws InputError with file and line.
+InstrumentNoise read_noise(TableReader& table, Quantity quantity);
+
+}  // namespace taut

@@ -1,0 +1,57 @@
+#include <fmt/format.h>
+
+#include "calib/benches/static_bench.hpp"
+#include "sim/core/error.hpp"
+#include "sim/files/tables.hpp"
+#include "sim/scene/channel_kinds.hpp"
+
+namespace taut {
+
+void read_readings(TableReader& root, Experiment& experiment) {
+  TableReader table = root.table("bench");
+  table.text("kind", "");
+  BenchFormat& bench = experiment.bench;
+  bench.path = path_beside(experiment.path, table.text("file"));
+  bench.trial_column = table.text("trial", "");
+  bench.channel_column = table.text("channel", "");
+  bench.value_column = table.text("value", "");
+  bench.sigma_column = table.text("sigma", "");
+  bench.ignored = table.texts_or_none("ignore");
+  if (bench.channel_column.empty() != bench.value_column.empty())
+    table.fail("", "'channel' and 'value' belong together: the columns that hold a channel's id and its reading");
+  experiment.zero_offset_per = table.text("zero_offset_per", "");
+  if (!experiment.zero_offset_per.empty()) {
+    known_id(table, "zero_offset_per", ids_of(bench.controls), "set by the bench");
+    for (const BenchFormat::Channel& channel : bench.channels) {
+      if (channel.quantity != Quantity::length)
+        table.fail("zero_offset_per",
+                   fmt::format("a zero error is a length that all channels share, and '{}' is none", channel.id));
+    }
+  }
+  experiment.from_unloaded = table.choice<bool>("measured_from", {{"rest", false}, {"unloaded", true}});
+  for (const ChannelSettings& channel : experiment.channels) {
+    const ChannelKind& kind = *channel.kind;
+    if (experiment.from_unloaded && kind.on == ChannelKind::On::place && !kind.from_rest)
+      table.fail("measured_from", fmt::format("'{}' is a {}, which is measured from nowhere; make its kind "
+                                              "\"displacement\", or leave this out",
+                                              channel.id, kind.name));
+  }
+  table.finish();
+  for (const BenchFormat::Channel& channel : bench.channels) {
+    if (channel.column.empty() == bench.channel_column.empty()) {
+      throw InputError(fmt::format(
+          "{}: channel '{}': {}", experiment.path, channel.id,
+          channel.column.empty() ? "its bench column is missing; add column = \"NAME_mm\", or name the [bench] columns "
+                                   "'channel' and 'value'"
+                                 : "[bench] names a 'channel' column, so channels must not name columns of their own"));
+    }
+    if (bench.sigma_column.empty() && !channel.noise.given()) {
+      throw InputError(
+          fmt::format("{}: channel '{}' has no noise; add for example noise = {{ absolute = \"0.1 mm\" }} to its "
+                      "[[channel]], or name a 'sigma' column in [bench]",
+                      experiment.path, channel.id));
+    }
+  }
+}
+
+}  // namespace taut

@@ -1,0 +1,110 @@
+#include "sim/scene/channel_kinds.hpp"
+
+#include <algorithm>
+
+#include "sim/core/error.hpp"
+#include "sim/mesh/weights.hpp"
+#include "sim/scene/reaction.hpp"
+
+namespace taut {
+namespace {
+
+/// Displacement weights of a body's centre of mass; of its volume where a density is not known.
+Eigen::VectorXd centre_weights(const ChannelParts& of, const Part& part, const Eigen::VectorXd& direction) {
+  const Mesh& mesh = of.mesh();
+  const std::vector<MaterialSettings>& materials = of.setup.materials;
+  Eigen::VectorXd weights = Eigen::VectorXd::Zero(mesh.X.size());
+  double mass = 0;
+  const bool known = std::all_of(materials.begin(), materials.end(),
+                                 [](const MaterialSettings& material) { return material.density.has_value(); });
+  const std::vector<double> measures = element_measures(mesh);
+  // Only this part's nodes: parts share no nodes.
+  const Eigen::Index first = static_cast<Eigen::Index>(part.first_node) * mesh.dimension(),
+                     count = static_cast<Eigen::Index>(part.node_count) * mesh.dimension();
+  for (const MaterialSettings& material : materials) {
+    const int region = mesh.region_index(material.region);
+    const double density = known ? *material.density : 1.0;
+    weights.segment(first, count) += density * body_weights(mesh, region, direction.normalized()).segment(first, count);
+    for (int e = part.first_element; e < part.first_element + part.element_count; ++e) {
+      if (mesh.region[static_cast<size_t>(e)] == region) mass += density * measures[static_cast<size_t>(e)];
+    }
+  }
+  return weights / mass;
+}
+
+/// Displacement weights of a point, a tag's mean, or a body's centre of mass.
+Eigen::VectorXd place_weights(const ChannelParts& of) {
+  const Mesh& mesh = of.mesh();
+  if (!of.channel.point.empty()) return point_weights(mesh, locate(mesh, vector_of(of.channel.point)), of.direction());
+  const auto body =
+      std::find_if(mesh.parts.begin(), mesh.parts.end(), [&](const Part& part) { return part.name == of.channel.on; });
+  return body == mesh.parts.end() ? mean_weights(mesh, of.tag(), of.direction())
+                                  : centre_weights(of, *body, of.direction());
+}
+
+std::unique_ptr<Channel> make_displacement(const ChannelParts& of) {
+  if (of.channel.standoff.empty() || of.channel.point.empty()) return make_linear_channel(place_weights(of));
+  return make_marker_channel(of.mesh(), locate(of.mesh(), vector_of(of.channel.point)), vector_of(of.channel.standoff),
+                             of.mesh().select(of.channel.turns_with), of.direction());
+}
+
+std::unique_ptr<Channel> make_position(const ChannelParts& of) {
+  of.reading.rest = place_weights(of).dot(of.mesh().X);
+  if (!of.channel.standoff.empty() && !of.channel.point.empty())
+    of.reading.rest += of.direction().normalized().dot(vector_of(of.channel.standoff));
+  return make_displacement(of);
+}
+
+std::unique_ptr<Channel> make_rotation(const ChannelParts& of) {
+  return make_rotation_channel(of.mesh(), of.tag(), of.direction());
+}
+
+template <auto make>
+std::unique_ptr<Channel> of_cable(const ChannelParts& of) {
+  return make(of.mesh(), of.cable());
+}
+
+template <auto make>
+std::unique_ptr<Channel> of_joint(const ChannelParts& of) {
+  return make(of.mesh(), of.joint());
+}
+
+std::unique_ptr<Channel> make_support_reaction(const ChannelParts& of) {
+  if (of.rigid_segments)
+    throw InputError(
+        "a rigid region does not say which of its nodes bear the reaction; set model = \"full\", or measure "
+        "something else");
+  return make_reaction(of.model, of.tag(), of.direction(), of.setup.share());
+}
+
+/// The force on a body by all others but gravity, mass times acceleration less weight: not a function of the state
+/// alone.
+std::unique_ptr<Channel> make_net_force(const ChannelParts& of) {
+  of.reading.part = static_cast<int>(&of.mesh().part(of.channel.on) - of.mesh().parts.data());
+  of.reading.direction = of.direction().normalized();
+  return nullptr;
+}
+
+}  // namespace
+
+const std::vector<ChannelKind>& channel_kinds() {
+  using On = ChannelKind::On;
+  using Directed = ChannelKind::Directed;
+  using Known = ChannelKind::Known;
+  static const std::vector<ChannelKind> kinds{
+      {"displacement", "m", "displacement of", On::place, make_displacement, Directed::always, true},
+      {"position", "m", "position of", On::place, make_position, Directed::always},
+      {"rotation", "rad", "rotation of", On::tag, make_rotation, Directed::in_space, true},
+      {"tension", "N", "tension of cable", On::cable, of_cable<make_cable_tension>},
+      {"length", "m", "length of cable", On::cable, of_cable<make_cable_length>},
+      {"joint_gap", "m", "gap of joint", On::joint, of_joint<make_joint_gap>},
+      {"joint_angle", "rad", "angle of joint", On::joint, of_joint<make_joint_angle>},
+      {"joint_torque", "Nm", "torque of joint", On::joint, of_joint<make_joint_torque>},
+      {"reaction", "N", "reaction of", On::tag, make_support_reaction, Directed::always, false, Known::at_rest,
+       "is that of an equilibrium"},
+      {"net_force", "N", "force on", On::body, make_net_force, Directed::always, false, Known::in_steps,
+       "is mass times acceleration"}};
+  return kinds;
+}
+
+}  // namespace taut
