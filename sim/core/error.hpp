@@ -19,6 +19,9 @@ std::string nearest_name(std::string_view name, const std::vector<std::string>& 
 /// " (did you mean 'x'?)" or "", for appending to a message about an unknown name.
 std::string did_you_mean(std::string_view name, const std::vector<std::string>& candidates);
 
+/// Without blanks at either end.
+std::string_view trimmed(std::string_view text);
+
 /// "a, b, c" for messages that list what is allowed.
 std::string join(const std::vector<std::string>& words, std::string_view separator = ", ");
 

@@ -34,7 +34,7 @@ class ParameterTable {
   int index(std::string_view id) const;
   bool contains(std::string_view id) const;
   int size() const { return static_cast<int>(specs_.size()); }
-  const ParameterSpec& operator[](int index) const { return specs_[static_cast<size_t>(index)]; }
+  const ParameterSpec& operator[](int index) const { return specs_[index]; }
   std::vector<std::string> ids() const;
   /// Throws InputError naming parameter, value and bounds when `value` is not finite or outside its bounds.
   void check(int index, double value) const;

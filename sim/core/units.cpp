@@ -15,100 +15,72 @@ namespace taut {
 namespace {
 
 struct Unit {
-  Quantity quantity;
   std::string_view name;
   double factor;  ///< SI value of one unit
+};
+
+/// A quantity, its units, of which the first is the SI one, and those that numbers are shown in, ascending.
+struct Measure {
+  Quantity quantity;
+  std::string_view name;
+  std::vector<Unit> units;
+  std::vector<std::string_view> shown = {};
 };
 
 constexpr double kStandardGravity = 9.80665;  // m/s2, exact by definition (CGPM 1901)
 constexpr double kPound = 0.45359237;         // kg, exact by definition (1959)
 constexpr double kInch = 0.0254;              // m, exact by definition (1959)
+constexpr double kPoundPerSquareInch = kPound * kStandardGravity / (kInch * kInch);
 
-// The SI unit of each quantity comes first.
-constexpr Unit kUnits[] = {
-    {Quantity::pure, "1", 1.0},
-    {Quantity::pure, "%", 1e-2},
-    {Quantity::length, "m", 1.0},
-    {Quantity::length, "mm", 1e-3},
-    {Quantity::length, "cm", 1e-2},
-    {Quantity::length, "um", 1e-6},
-    {Quantity::length, "km", 1e3},
-    {Quantity::length, "in", kInch},
-    {Quantity::area, "m2", 1.0},
-    {Quantity::area, "mm2", 1e-6},
-    {Quantity::area, "cm2", 1e-4},
-    {Quantity::mass, "kg", 1.0},
-    {Quantity::mass, "g", 1e-3},
-    {Quantity::mass, "mg", 1e-6},
-    {Quantity::mass, "lb", kPound},
-    {Quantity::force, "N", 1.0},
-    {Quantity::force, "mN", 1e-3},
-    {Quantity::force, "kN", 1e3},
-    {Quantity::force, "kgf", kStandardGravity},
-    {Quantity::force, "gf", 1e-3 * kStandardGravity},
-    {Quantity::force, "lbf", kPound* kStandardGravity},
-    {Quantity::pressure, "Pa", 1.0},
-    {Quantity::pressure, "kPa", 1e3},
-    {Quantity::pressure, "MPa", 1e6},
-    {Quantity::pressure, "GPa", 1e9},
-    {Quantity::pressure, "N/mm2", 1e6},
-    {Quantity::pressure, "psi", kPound* kStandardGravity / (kInch * kInch)},
-    {Quantity::density, "kg/m3", 1.0},
-    {Quantity::density, "g/cm3", 1e3},
-    {Quantity::acceleration, "m/s2", 1.0},
-    {Quantity::acceleration, "mm/s2", 1e-3},
-    {Quantity::time, "s", 1.0},
-    {Quantity::time, "ms", 1e-3},
-    {Quantity::time, "min", 60.0},
-    {Quantity::frequency, "1/s", 1.0},
-    {Quantity::speed, "m/s", 1.0},
-    {Quantity::speed, "mm/s", 1e-3},
-    {Quantity::angle, "rad", 1.0},
-    {Quantity::angle, "deg", std::numbers::pi / 180},
-    {Quantity::stiffness, "N/m", 1.0},
-    {Quantity::stiffness, "N/mm", 1e3},
-    {Quantity::stiffness, "kN/m", 1e3},
-    {Quantity::rotation_stiffness, "Nm/rad", 1.0},
-    {Quantity::line_load, "N/m", 1.0},
-    {Quantity::line_load, "N/mm", 1e3},
-};
-
-struct HandyUnits {
-  std::string_view si_unit;
-  std::vector<DisplayUnit> units;  ///< ascending
-};
-
-const std::vector<HandyUnits>& handy_units() {
-  static const std::vector<HandyUnits> table = {
-      {"m", {{"um", 1e-6}, {"mm", 1e-3}, {"m", 1}, {"km", 1e3}}},
-      {"m2", {{"mm2", 1e-6}, {"cm2", 1e-4}, {"m2", 1}}},
-      {"kg", {{"mg", 1e-6}, {"g", 1e-3}, {"kg", 1}}},
-      {"N", {{"mN", 1e-3}, {"N", 1}, {"kN", 1e3}}},
-      {"Pa", {{"Pa", 1}, {"kPa", 1e3}, {"MPa", 1e6}, {"GPa", 1e9}}},
-      {"s", {{"ms", 1e-3}, {"s", 1}}},
-      {"N/m", {{"N/m", 1}, {"N/mm", 1e3}}},
+/// In the order of Quantity.
+const std::vector<Measure>& measures() {
+  static const std::vector<Measure> table = {
+      {Quantity::pure, "pure number", {{"1", 1}, {"%", 1e-2}}},
+      {Quantity::length,
+       "length",
+       {{"m", 1}, {"mm", 1e-3}, {"cm", 1e-2}, {"um", 1e-6}, {"km", 1e3}, {"in", kInch}},
+       {"um", "mm", "m", "km"}},
+      {Quantity::area, "area", {{"m2", 1}, {"mm2", 1e-6}, {"cm2", 1e-4}}, {"mm2", "cm2", "m2"}},
+      {Quantity::mass, "mass", {{"kg", 1}, {"g", 1e-3}, {"mg", 1e-6}, {"lb", kPound}}, {"mg", "g", "kg"}},
+      {Quantity::force,
+       "force",
+       {{"N", 1},
+        {"mN", 1e-3},
+        {"kN", 1e3},
+        {"kgf", kStandardGravity},
+        {"gf", 1e-3 * kStandardGravity},
+        {"lbf", kPound * kStandardGravity}},
+       {"mN", "N", "kN"}},
+      {Quantity::pressure,
+       "pressure",
+       {{"Pa", 1}, {"kPa", 1e3}, {"MPa", 1e6}, {"GPa", 1e9}, {"N/mm2", 1e6}, {"psi", kPoundPerSquareInch}},
+       {"Pa", "kPa", "MPa", "GPa"}},
+      {Quantity::density, "density", {{"kg/m3", 1}, {"g/cm3", 1e3}}},
+      {Quantity::acceleration, "acceleration", {{"m/s2", 1}, {"mm/s2", 1e-3}}},
+      {Quantity::time, "time", {{"s", 1}, {"ms", 1e-3}, {"min", 60}}, {"ms", "s"}},
+      {Quantity::frequency, "rate", {{"1/s", 1}}},
+      {Quantity::speed, "speed", {{"m/s", 1}, {"mm/s", 1e-3}}},
+      {Quantity::angle, "angle", {{"rad", 1}, {"deg", std::numbers::pi / 180}}},
+      {Quantity::stiffness, "stiffness", {{"N/m", 1}, {"N/mm", 1e3}, {"kN/m", 1e3}}, {"N/m", "N/mm"}},
+      {Quantity::rotation_stiffness, "rotation stiffness", {{"Nm/rad", 1}}},
+      {Quantity::line_load, "line load", {{"N/m", 1}, {"N/mm", 1e3}}},
   };
   return table;
 }
 
-std::string_view trimmed(std::string_view text) {
-  constexpr std::string_view blanks = " \t\r\n";
-  const size_t begin = text.find_first_not_of(blanks);
-  if (begin == std::string_view::npos) return {};
-  return text.substr(begin, text.find_last_not_of(blanks) - begin + 1);
+const Measure& measure_of(Quantity quantity) {
+  return measures()[static_cast<size_t>(quantity)];
 }
 
-const Unit* find_unit(std::string_view name, Quantity quantity) {
-  for (const Unit& unit : kUnits) {
-    if (unit.quantity == quantity && unit.name == name) return &unit;
-  }
-  return nullptr;
+const Unit* find_unit(std::string_view name, const Measure& measure) {
+  const auto found = std::ranges::find(measure.units, name, &Unit::name);
+  return found == measure.units.end() ? nullptr : &*found;
 }
 
 /// " (it is a unit of mass)" for a unit that belongs elsewhere, " (did you mean 'mm'?)" for a misspelt one, or "".
 std::string unit_hint(std::string_view name, const std::vector<std::string>& allowed) {
-  for (const Unit& unit : kUnits) {
-    if (unit.name == name) return fmt::format(" (it is a unit of {})", name_of(unit.quantity));
+  for (const Measure& measure : measures()) {
+    if (find_unit(name, measure) != nullptr) return fmt::format(" (it is a unit of {})", measure.name);
   }
   return did_you_mean(name, allowed);
 }
@@ -121,14 +93,15 @@ double rounded(double value, int digits) {
 DisplayUnit choose_unit(double value, std::string_view si_unit) {
   DisplayUnit chosen{std::string(si_unit), 1.0};
   if (value == 0 || !std::isfinite(value)) return chosen;
-  for (const HandyUnits& handy : handy_units()) {
-    if (handy.si_unit != si_unit) continue;
-    chosen = handy.units.front();
-    for (size_t i = 1; i < handy.units.size(); ++i) {
-      const bool reaches_one = std::abs(value) / handy.units[i].factor >= 1;
-      const bool smaller_too_long = std::abs(value) / handy.units[i - 1].factor >= 1000;
-      if (reaches_one || smaller_too_long) chosen = handy.units[i];
-    }
+  const auto measure = std::ranges::find_if(
+      measures(), [&](const Measure& m) { return m.units.front().name == si_unit && !m.shown.empty(); });
+  if (measure == measures().end()) return chosen;
+  const Unit* smaller = nullptr;
+  for (std::string_view name : measure->shown) {
+    const Unit* unit = find_unit(name, *measure);
+    if (smaller == nullptr || std::abs(value) / unit->factor >= 1 || std::abs(value) / smaller->factor >= 1000)
+      chosen = {std::string(name), unit->factor};
+    smaller = unit;
   }
   return chosen;
 }
@@ -153,65 +126,25 @@ std::string significant(double value, int digits) {
 
 /// A unit as the end of a header: "N/mm" is written "N_per_mm".
 std::string as_suffix(std::string_view unit) {
-  std::string suffix = "_";
-  for (const char c : unit) {
-    if (c == '/') {
-      suffix += "_per_";
-    } else {
-      suffix += c;
-    }
-  }
+  std::string suffix = fmt::format("_{}", unit);
+  if (const size_t slash = suffix.find('/'); slash != std::string::npos) suffix.replace(slash, 1, "_per_");
   return suffix;
 }
 
 }  // namespace
 
 std::string_view name_of(Quantity quantity) {
-  switch (quantity) {
-    case Quantity::pure:
-      return "pure number";
-    case Quantity::length:
-      return "length";
-    case Quantity::area:
-      return "area";
-    case Quantity::mass:
-      return "mass";
-    case Quantity::force:
-      return "force";
-    case Quantity::pressure:
-      return "pressure";
-    case Quantity::density:
-      return "density";
-    case Quantity::acceleration:
-      return "acceleration";
-    case Quantity::time:
-      return "time";
-    case Quantity::frequency:
-      return "rate";
-    case Quantity::speed:
-      return "speed";
-    case Quantity::angle:
-      return "angle";
-    case Quantity::stiffness:
-      return "stiffness";
-    case Quantity::rotation_stiffness:
-      return "rotation stiffness";
-    case Quantity::line_load:
-      return "line load";
-  }
-  return "unknown quantity";
+  return measure_of(quantity).name;
 }
 
 std::vector<std::string> units_of(Quantity quantity) {
   std::vector<std::string> names;
-  for (const Unit& unit : kUnits) {
-    if (unit.quantity == quantity) names.emplace_back(unit.name);
-  }
+  for (const Unit& unit : measure_of(quantity).units) names.emplace_back(unit.name);
   return names;
 }
 
 double unit_factor(std::string_view unit, Quantity quantity, std::string_view where) {
-  if (const Unit* found = find_unit(unit, quantity)) return found->factor;
+  if (const Unit* found = find_unit(unit, measure_of(quantity))) return found->factor;
   const std::vector<std::string> allowed = units_of(quantity);
   throw InputError(fmt::format("{}: '{}' is not a unit of {}{}; write one of: {}", where, unit, name_of(quantity),
                                unit_hint(unit, allowed), join(allowed)));
@@ -229,8 +162,8 @@ std::optional<double> parse_number(std::string_view text) {
 }
 
 Quantity quantity_of_si_unit(std::string_view si_unit) {
-  for (const Unit& unit : kUnits) {
-    if (unit.name == si_unit && unit.factor == 1.0) return unit.quantity;
+  for (const Measure& measure : measures()) {
+    if (measure.units.front().name == si_unit) return measure.quantity;
   }
   throw std::logic_error(fmt::format("'{}' is not an SI unit that taut knows", si_unit));
 }
@@ -283,56 +216,50 @@ DisplayUnit display_unit(double si_value, std::string_view si_unit) {
 }
 
 HeaderUnit parse_header(std::string_view header, const std::vector<Quantity>& allowed, std::string_view where) {
-  // The longest suffix wins: "k_N_per_mm" ends in N/mm, not in mm.
-  const Unit* found = nullptr;
-  size_t found_length = 0;
-  bool found_allowed = false;
-  std::string quantities;
-  std::vector<std::string> suffixes;
-  const auto consider = [&](const Unit& unit, bool is_allowed) {
-    const std::string suffix = as_suffix(unit.name);
-    if (is_allowed) suffixes.push_back(suffix);
-    if (header.size() <= suffix.size() || !header.ends_with(suffix) || suffix.size() <= found_length) return;
-    found = &unit;
-    found_length = suffix.size();
-    found_allowed = is_allowed;
-  };
+  std::vector<const Measure*> candidates;
+  std::vector<std::string> names, suffixes;  // of what is allowed
   for (const Quantity quantity : allowed) {
-    quantities += fmt::format("{}{}", quantities.empty() ? "" : " or ", name_of(quantity));
-    for (const Unit& unit : kUnits) {
-      if (unit.quantity == quantity) consider(unit, true);
+    candidates.push_back(&measure_of(quantity));
+    names.emplace_back(candidates.back()->name);
+  }
+  for (const Measure& measure : measures()) {
+    if (std::ranges::find(allowed, measure.quantity) == allowed.end()) candidates.push_back(&measure);
+  }
+  // The longest suffix wins: "k_N_per_mm" ends in N/mm, not in mm.
+  const Measure* found = nullptr;
+  const Unit* unit = nullptr;
+  std::string ending;
+  for (size_t k = 0; k < candidates.size(); ++k) {
+    for (const Unit& candidate : candidates[k]->units) {
+      // A trailing "_1" of another column is a number of something ("marker_1"), not a unit.
+      if (k >= allowed.size() && candidate.name == "1") continue;
+      const std::string suffix = as_suffix(candidate.name);
+      if (k < allowed.size()) suffixes.push_back(suffix);
+      if (header.size() <= suffix.size() || !header.ends_with(suffix) || suffix.size() <= ending.size()) continue;
+      found = candidates[k];
+      unit = &candidate;
+      ending = suffix;
     }
   }
-  for (const Unit& unit : kUnits) {
-    // A trailing "_1" of another column is a number of something ("marker_1"), not a unit.
-    if (std::ranges::find(allowed, unit.quantity) == allowed.end() && unit.name != "1") consider(unit, false);
-  }
-  if (found != nullptr && found_allowed) {
-    return {std::string(header.substr(0, header.size() - found_length)), std::string(found->name), found->quantity,
-            found->factor};
-  }
+  std::string_view base = header.substr(0, header.size() - ending.size());
+  if (found != nullptr && std::ranges::find(allowed, found->quantity) != allowed.end())
+    return {std::string(base), std::string(unit->name), found->quantity, unit->factor};
 
-  const std::string example = suffixes.empty() ? "" : suffixes.front();
-  std::string_view base = header;
   std::string problem;
   if (found != nullptr) {
-    base = header.substr(0, header.size() - found_length);
-    problem =
-        fmt::format("ends in '{}', a unit of {}, but {} is needed", found->name, name_of(found->quantity), quantities);
+    problem = fmt::format("ends in '{}', a unit of {}, but {} is needed", unit->name, found->name, join(names, " or "));
   } else {
+    problem = fmt::format("does not end in a unit of {}", join(names, " or "));
     const size_t underscore = header.rfind('_');
-    std::string nearest;
-    if (underscore != std::string_view::npos && underscore > 0) {
-      nearest = nearest_name(header.substr(underscore), suffixes);
-    }
-    problem = fmt::format("does not end in a unit of {}", quantities);
+    const bool has_end = underscore != std::string_view::npos && underscore > 0;
+    const std::string nearest = has_end ? nearest_name(header.substr(underscore), suffixes) : "";
     if (!nearest.empty()) {
       base = header.substr(0, underscore);
       problem += fmt::format(" (did you mean '{}{}'?)", base, nearest);
     }
   }
   throw InputError(fmt::format("{}: column '{}' {}; end its name in one of {}, for example '{}{}'", where, header,
-                               problem, join(suffixes), base, example));
+                               problem, join(suffixes), base, suffixes.empty() ? "" : suffixes.front()));
 }
 
 }  // namespace taut

@@ -16,24 +16,23 @@ namespace {
 /// Numbers nodes part by part, in the order that they have within each: mid-nodes of all parts came last.
 void gather_parts(Mesh& mesh) {
   const int d = mesh.dimension();
-  std::vector<int> part(static_cast<size_t>(mesh.node_count()), 0);
+  std::vector<int> part(mesh.node_count(), 0);
   for (size_t k = 0; k < mesh.parts.size(); ++k) {
     const int *first = mesh.element(mesh.parts[k].first_element),
               *last = first + mesh.parts[k].element_count * mesh.nodes_per_element();
-    for (const int* node = first; node != last; ++node) part[static_cast<size_t>(*node)] = static_cast<int>(k);
+    for (const int* node = first; node != last; ++node) part[*node] = static_cast<int>(k);
   }
   std::vector<int> order(part.size()), place(part.size());
   std::iota(order.begin(), order.end(), 0);
-  std::stable_sort(order.begin(), order.end(),
-                   [&](int a, int b) { return part[static_cast<size_t>(a)] < part[static_cast<size_t>(b)]; });
+  std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return part[a] < part[b]; });
   const Eigen::VectorXd X = mesh.X;
   for (int i = 0; i < mesh.node_count(); ++i) {
-    place[static_cast<size_t>(order[static_cast<size_t>(i)])] = i;
-    mesh.X.segment(i * d, d) = X.segment(order[static_cast<size_t>(i)] * d, d);
+    place[order[i]] = i;
+    mesh.X.segment(i * d, d) = X.segment(order[i] * d, d);
   }
-  for (int& node : mesh.elements) node = place[static_cast<size_t>(node)];
+  for (int& node : mesh.elements) node = place[node];
   for (auto& [name, tag] : mesh.tags) {
-    for (int& node : tag.entities) node = place[static_cast<size_t>(node)];
+    for (int& node : tag.entities) node = place[node];
   }
   int first = 0;
   for (size_t k = 0; k < mesh.parts.size(); ++k) {
@@ -61,21 +60,20 @@ struct Columns {
   std::vector<int> vertex;  ///< per plane node: which column, -1: none (a mid-node)
   int count = 0, layers;
 
-  Columns(const Mesh& plane, int given_layers)
-      : vertex(static_cast<size_t>(plane.node_count()), -1), layers(given_layers) {
+  Columns(const Mesh& plane, int given_layers) : vertex(plane.node_count(), -1), layers(given_layers) {
     for (int e = 0; e < plane.element_count(); ++e) {
-      for (int a = 0; a < 3; ++a) vertex[static_cast<size_t>(plane.element(e)[a])] = 0;
+      for (int a = 0; a < 3; ++a) vertex[plane.element(e)[a]] = 0;
     }
     for (int& number : vertex) {
       if (number == 0) number = count++;
     }
   }
-  bool has(int plane_node) const { return vertex[static_cast<size_t>(plane_node)] >= 0; }
-  int node(int plane_node, int level) const { return vertex[static_cast<size_t>(plane_node)] * (layers + 1) + level; }
+  bool has(int plane_node) const { return vertex[plane_node] >= 0; }
+  int node(int plane_node, int level) const { return vertex[plane_node] * (layers + 1) + level; }
 };
 
 void place_columns(const Mesh& plane, const Columns& columns, double depth, Mesh& mesh) {
-  mesh.X.resize(3 * static_cast<Eigen::Index>(columns.count) * (columns.layers + 1));
+  mesh.X.resize(3 * columns.count * (columns.layers + 1));
   for (int i = 0; i < plane.node_count(); ++i) {
     if (!columns.has(i)) continue;
     for (int level = 0; level <= columns.layers; ++level) {
@@ -96,14 +94,12 @@ void sweep_elements(const Mesh& plane, const Columns& columns, Mesh& mesh) {
       const int from = layer + layer % 2, to = layer + 1 - layer % 2;
       for (int risen = 0; risen < 3; ++risen) {
         std::array<int, 4> tetrahedron{};
-        for (int a = 0; a <= 2 - risen; ++a)
-          tetrahedron[static_cast<size_t>(a)] = columns.node(corners[static_cast<size_t>(a)], from);
-        for (int a = 2 - risen; a < 3; ++a)
-          tetrahedron[static_cast<size_t>(a + 1)] = columns.node(corners[static_cast<size_t>(a)], to);
+        for (int a = 0; a <= 2 - risen; ++a) tetrahedron[a] = columns.node(corners[a], from);
+        for (int a = 2 - risen; a < 3; ++a) tetrahedron[a + 1] = columns.node(corners[a], to);
         mesh.elements.insert(mesh.elements.end(), tetrahedron.begin(), tetrahedron.end());
-        mesh.region.push_back(plane.region[static_cast<size_t>(e)]);
+        mesh.region.push_back(plane.region[e]);
         const int last = mesh.element_count() - 1;
-        if (vertex_determinant(mesh, last) < 0) flip_element(mesh.shape, &mesh.elements[static_cast<size_t>(4 * last)]);
+        if (vertex_determinant(mesh, last) < 0) flip_element(mesh.shape, &mesh.elements[4 * last]);
       }
     }
     for (int corner : corners) {
@@ -119,7 +115,7 @@ void sweep_elements(const Mesh& plane, const Columns& columns, Mesh& mesh) {
 void sweep_tag(const Mesh& plane, const std::string& name, const Tag& tag, const Columns& columns, Mesh& mesh) {
   Tag& swept = mesh.tags[name] = {tag.dimension + 1, tag.dimension + 2, {}};
   for (int i = 0; i < tag.count(); ++i) {
-    const int* ends = &tag.entities[static_cast<size_t>(i * tag.nodes_per_entity)];
+    const int* ends = &tag.entities[i * tag.nodes_per_entity];
     if (!columns.has(ends[0])) {
       throw InputError(
           fmt::format("the point at {} of tag '{}' is no corner of an element, so that no edge goes "

@@ -76,16 +76,6 @@ void check_size(double size, int order, double cells) {
   }
 }
 
-/// The different region names, in the order of the input.
-template <class Region>
-std::vector<std::string> names_of(const std::vector<Region>& regions) {
-  std::vector<std::string> names;
-  for (const Region& r : regions) {
-    if (std::find(names.begin(), names.end(), r.region) == names.end()) names.push_back(r.region);
-  }
-  return names;
-}
-
 /// Scales to O(1) numbers and back: Gmsh's tolerances are absolute.
 struct Scaling {
   std::vector<double> origin;
@@ -99,11 +89,10 @@ class Reader {
  public:
   Reader(Mesh& mesh, const Scaling& scaling) : mesh_(mesh) {
     std::vector<size_t> numbers;
-    std::vector<double> coordinates;
-    std::vector<double> unused;
+    std::vector<double> coordinates, unused;
     gmsh::model::mesh::getNodes(numbers, coordinates, unused, -1, -1, false, false);
     const size_t d = static_cast<size_t>(mesh.dimension());
-    mesh_.X.resize(static_cast<Eigen::Index>(numbers.size() * d));
+    mesh_.X.resize(numbers.size() * d);
     for (size_t i = 0; i < numbers.size(); ++i) {
       index_[numbers[i]] = static_cast<int>(i);
       for (size_t c = 0; c < d; ++c) mesh_.X[i * d + c] = scaling.from_gmsh(c, coordinates[3 * i + c]);
@@ -113,8 +102,7 @@ class Reader {
   /// Mesh nodes of all simplices of a Gmsh entity.
   std::vector<int> simplices(int dimension, int entity) const {
     constexpr int gmsh_type[] = {15, 1, 2, 4};
-    std::vector<size_t> elements;
-    std::vector<size_t> nodes;
+    std::vector<size_t> elements, nodes;
     gmsh::model::mesh::getElementsByType(gmsh_type[dimension], elements, nodes, entity);
     std::vector<int> result;
     for (size_t node : nodes) result.push_back(index_.at(node));
@@ -199,31 +187,12 @@ double snapped(double x, const std::vector<double>& to, double tolerance) {
   return x;
 }
 
-void tag_bounding_faces(Mesh& mesh, const std::vector<std::vector<double>>& planes_of_axis) {
-  const Tag facets = boundary(mesh);
-  for (int c = 0; c < 3; ++c) {
-    for (const bool upper : {false, true}) {
-      const double plane = upper ? planes_of_axis[c].back() : planes_of_axis[c].front();
-      Tag side{2, 3, {}};
-      for (int f = 0; f < facets.count(); ++f) {
-        const auto first = facets.entities.begin() + 3 * f;
-        // Exact, because nodes were snapped to the planes.
-        if (std::all_of(first, first + 3, [&](int node) { return mesh.X[3 * node + c] == plane; })) {
-          side.entities.insert(side.entities.end(), first, first + 3);
-        }
-      }
-      mesh.tags[std::string(1, "xyz"[c]) + (upper ? "max" : "min")] = std::move(side);
-    }
-  }
-}
-
 /// Boxes as volumes of the open model that share the faces in which they touch.
 void add_boxes(const std::vector<BoxRegion>& boxes, const Scaling& scaling) {
   namespace occ = gmsh::model::occ;
   gmsh::vectorpair volumes;
   for (const BoxRegion& box : boxes) {
-    std::array<double, 3> corner;
-    std::array<double, 3> extent;
+    std::array<double, 3> corner, extent;
     for (size_t c = 0; c < 3; ++c) {
       corner[c] = scaling.to_gmsh(c, box.lower[c]);
       extent[c] = scaling.to_gmsh(c, box.upper[c]) - corner[c];
@@ -285,7 +254,7 @@ Mesh mesh_polygons(const std::vector<PolygonRegion>& polygons, double size, int 
 
     Mesh mesh;
     mesh.shape = ElementShape::tri3;
-    mesh.region_names = names_of(polygons);
+    for (const PolygonRegion& polygon : polygons) mesh.add_region(polygon.region);
     Reader reader(mesh, scaling);
     // Undo the round-off of scaling where the exact coordinate is known.
     for (size_t l = 0; l < lines.size(); ++l) {
@@ -347,7 +316,7 @@ Mesh mesh_boxes(const std::vector<BoxRegion>& boxes, double size, int order) {
 
     Mesh mesh;
     mesh.shape = ElementShape::tet4;
-    mesh.region_names = names_of(joined);
+    for (const BoxRegion& box : joined) mesh.add_region(box.region);
     Reader reader(mesh, scaling);
     for (Eigen::Index i = 0; i < mesh.X.size(); ++i) mesh.X[i] = snapped(mesh.X[i], planes_of_axis[i % 3], tolerance);
     gmsh::vectorpair pieces;
@@ -357,7 +326,10 @@ Mesh mesh_boxes(const std::vector<BoxRegion>& boxes, double size, int order) {
       gmsh::model::occ::getCenterOfMass(dimension, piece, centre[0], centre[1], centre[2]);
       reader.add_region(piece, box_around(joined, scaling, centre).region);
     }
-    tag_bounding_faces(mesh, planes_of_axis);
+    // Exact, because nodes were snapped to the planes.
+    tag_sides(mesh, [&](int node, int axis, bool upper) {
+      return mesh.X[3 * node + axis] == (upper ? planes_of_axis[axis].back() : planes_of_axis[axis].front());
+    });
     return finished(std::move(mesh), order, "mesh of boxes");
   });
 }

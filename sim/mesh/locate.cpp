@@ -20,15 +20,11 @@ struct ElementGeometry {
   using Point = Eigen::Matrix<double, D, 1>;
   Eigen::Matrix<double, D, N> X;
 
-  ElementGeometry(const Mesh& mesh, int element) {
-    for (int a = 0; a < N; ++a) X.col(a) = mesh.X.template segment<D>(mesh.element(element)[a] * D);
-  }
-
   /// Lower bound of the distance to `point`: the element lies in the convex hull of its Bezier control points.
   double distance_to_box(const Point& point) const {
     Eigen::Matrix<double, D, N> control = X;
     for (int k = D + 1; k < N; ++k) {
-      const auto [a, b] = Reference::edges[static_cast<size_t>(k - D - 1)];
+      const auto [a, b] = Reference::edges[k - D - 1];
       control.col(k) = 2.0 * X.col(k) - 0.5 * (X.col(a) + X.col(b));
     }
     const Point below = control.rowwise().minCoeff() - point;
@@ -48,11 +44,7 @@ struct ElementGeometry {
     for (int a = 0; a <= D; ++a) {
       if ((mask >> a & 1u) != 0) vertices.push_back(a);
     }
-    const auto corner = [](int a) {
-      Point xi = Point::Zero();
-      if (a > 0) xi[a - 1] = 1.0;
-      return xi;
-    };
+    const auto corner = Reference::node;
     const int m = static_cast<int>(vertices.size()) - 1;
     using Free = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, D, 1>;
     Eigen::Matrix<double, D, Eigen::Dynamic, 0, D, D> directions(D, m);
@@ -94,9 +86,7 @@ template <ElementShape S>
 MaterialPoint locate_in(const Mesh& mesh, const Eigen::VectorXd& query, const Part& part) {
   using Geometry = ElementGeometry<S>;
   const typename Geometry::Point point = query;
-  const auto positions = mesh.X
-                             .segment(static_cast<Eigen::Index>(part.first_node) * Geometry::D,
-                                      static_cast<Eigen::Index>(part.node_count) * Geometry::D)
+  const auto positions = mesh.X.segment(part.first_node * Geometry::D, part.node_count * Geometry::D)
                              .reshaped(Geometry::D, part.node_count);
   Eigen::Index nearest = 0;
   // The nearest node bounds the distance to the mesh, which spares almost all elements the closer look.
@@ -106,7 +96,7 @@ MaterialPoint locate_in(const Mesh& mesh, const Eigen::VectorXd& query, const Pa
   typename Geometry::Closest best;
   int element = -1;
   for (int e = part.first_element; e < part.first_element + part.element_count; ++e) {
-    const Geometry geometry(mesh, e);
+    const Geometry geometry{Geometry::Reference::positions(mesh, e)};
     if (geometry.distance_to_box(point) > bound + round_off) continue;
     const auto candidate = geometry.closest(point);
     if (candidate.distance >= best.distance) continue;
@@ -143,17 +133,7 @@ MaterialPoint locate(const Mesh& mesh, const Eigen::VectorXd& point, const Part&
                                  mesh.dimension(), mesh.dimension()));
   }
   if (mesh.element_count() == 0) throw InputError("a point cannot be located in a mesh without elements");
-  switch (mesh.shape) {
-    case ElementShape::tri3:
-      return locate_in<ElementShape::tri3>(mesh, point, part);
-    case ElementShape::tri6:
-      return locate_in<ElementShape::tri6>(mesh, point, part);
-    case ElementShape::tet4:
-      return locate_in<ElementShape::tet4>(mesh, point, part);
-    case ElementShape::tet10:
-      break;
-  }
-  return locate_in<ElementShape::tet10>(mesh, point, part);
+  return with_shape(mesh.shape, [&](auto shape) { return locate_in<shape>(mesh, point, part); });
 }
 
 }  // namespace taut

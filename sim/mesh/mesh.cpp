@@ -10,17 +10,12 @@
 #include <utility>
 
 #include "sim/core/error.hpp"
+#include "sim/core/sorted.hpp"
 #include "sim/mesh/shape_functions.hpp"
 #include "sim/mesh/topology.hpp"
 
 namespace taut {
 namespace {
-
-std::string_view trimmed(std::string_view text) {
-  const size_t first = text.find_first_not_of(" \t");
-  if (first == std::string_view::npos) return {};
-  return text.substr(first, text.find_last_not_of(" \t") - first + 1);
-}
 
 std::vector<std::string> tag_names(const Mesh& mesh) {
   std::vector<std::string> names;
@@ -41,26 +36,13 @@ const Tag& tag_called(const Mesh& mesh, std::string_view name) {
   return found->second;
 }
 
-/// The entities of `candidates` whose nodes all have `wanted` set.
-Tag filtered(const Tag& candidates, const std::vector<bool>& wanted) {
-  Tag result{candidates.dimension, candidates.nodes_per_entity, {}};
-  const int n = candidates.nodes_per_entity;
-  for (int i = 0; i < candidates.count(); ++i) {
-    const auto first = candidates.entities.begin() + i * n;
-    if (std::all_of(first, first + n, [&](int node) { return wanted[node]; })) {
-      result.entities.insert(result.entities.end(), first, first + n);
-    }
-  }
-  return result;
-}
-
 /// Edges of triangles, each once.
 Tag edges_of_triangles(const Tag& triangles) {
   const ReferenceFacets edges = facets_of(triangles.nodes_per_entity == 3 ? ElementShape::tri3 : ElementShape::tri6);
   Tag result{1, edges.nodes_per_facet, {}};
   std::set<std::pair<int, int>> seen;
   for (int t = 0; t < triangles.count(); ++t) {
-    const int* nodes = &triangles.entities[t * triangles.nodes_per_entity];
+    const int* nodes = triangles.entity(t);
     for (int e = 0; e < edges.count; ++e) {
       const int* local = &edges.nodes[e * edges.nodes_per_facet];
       if (!seen.insert(std::minmax({nodes[local[0]], nodes[local[1]]})).second) continue;
@@ -85,44 +67,25 @@ double smallest_jacobian(const Mesh& mesh, int element) {
   using Reference = ReferenceElement<S>;
   static const auto gradients = [] {
     std::array<Eigen::Matrix<double, Reference::D, Reference::N>, Reference::N> at_nodes;
-    for (int a = 0; a < Reference::N; ++a) {
-      typename Reference::Xi xi = Reference::Xi::Zero();
-      if (a > Reference::D) {
-        for (int end : Reference::edges[static_cast<size_t>(a - Reference::D - 1)]) {
-          if (end > 0) xi[end - 1] = 0.5;
-        }
-      } else if (a > 0) {
-        xi[a - 1] = 1.0;
-      }
-      at_nodes[static_cast<size_t>(a)] = Reference::gradients(xi);
-    }
+    for (int a = 0; a < Reference::N; ++a) at_nodes[a] = Reference::gradients(Reference::node(a));
     return at_nodes;
   }();
-  Eigen::Matrix<double, Reference::D, Reference::N> X;
-  for (int a = 0; a < Reference::N; ++a) {
-    X.col(a) = mesh.X.template segment<Reference::D>(mesh.element(element)[a] * Reference::D);
-  }
+  const auto X = Reference::positions(mesh, element);
   double smallest = (X * gradients[0].transpose()).determinant();
   for (const auto& g : gradients) smallest = std::min(smallest, (X * g.transpose()).determinant());
   return smallest;
 }
 
 double smallest_jacobian(const Mesh& mesh, int element) {
-  switch (mesh.shape) {
-    case ElementShape::tri6:
-      return smallest_jacobian<ElementShape::tri6>(mesh, element);
-    case ElementShape::tet10:
-      return smallest_jacobian<ElementShape::tet10>(mesh, element);
-    default:
-      return vertex_determinant(mesh, element);
-  }
+  if (order_of(mesh.shape) == 1) return vertex_determinant(mesh, element);
+  return with_shape(mesh.shape, [&](auto shape) { return smallest_jacobian<shape>(mesh, element); });
 }
 
 void check_sizes(const Mesh& mesh, std::string_view where) {
   const auto fail = [&](const std::string& what) { throw InputError(fmt::format("{}: {}", where, what)); };
   const int n = mesh.nodes_per_element();
   if (mesh.elements.empty()) fail("the mesh has no elements");
-  if (mesh.X.size() % mesh.dimension() != 0 || mesh.elements.size() % static_cast<size_t>(n) != 0) {
+  if (mesh.X.size() % mesh.dimension() != 0 || mesh.elements.size() % n != 0) {
     fail(fmt::format("{} coordinates and {} element nodes do not make {}D nodes and {} elements", mesh.X.size(),
                      mesh.elements.size(), mesh.dimension(), name_of(mesh.shape)));
   }
@@ -140,7 +103,7 @@ void check_sizes(const Mesh& mesh, std::string_view where) {
 
 void check_indices(const Mesh& mesh, std::string_view where) {
   const int nodes = mesh.node_count();
-  std::vector<bool> used(static_cast<size_t>(nodes), false);
+  std::vector<bool> used(nodes, false);
   for (int e = 0; e < mesh.element_count(); ++e) {
     for (int a = 0; a < mesh.nodes_per_element(); ++a) {
       const int node = mesh.element(e)[a];
@@ -158,7 +121,7 @@ void check_indices(const Mesh& mesh, std::string_view where) {
   for (const auto& [name, tag] : mesh.tags) {
     if (tag.dimension < 0 || tag.dimension >= mesh.dimension() ||
         tag.nodes_per_entity != nodes_per_entity(tag.dimension, order_of(mesh.shape)) ||
-        tag.entities.size() % static_cast<size_t>(tag.nodes_per_entity) != 0) {
+        tag.entities.size() % tag.nodes_per_entity != 0) {
       throw InputError(
           fmt::format("{}: tag '{}' has dimension {} and {} nodes per entity, which do not fit {} elements", where,
                       name, tag.dimension, tag.nodes_per_entity, name_of(mesh.shape)));
@@ -181,24 +144,30 @@ void check_indices(const Mesh& mesh, std::string_view where) {
 }  // namespace
 
 std::string_view name_of(ElementShape s) {
-  switch (s) {
-    case ElementShape::tri3:
-      return "tri3";
-    case ElementShape::tri6:
-      return "tri6";
-    case ElementShape::tet4:
-      return "tet4";
-    case ElementShape::tet10:
-      break;
-  }
-  return "tet10";
+  constexpr std::string_view names[] = {"tri3", "tri6", "tet4", "tet10"};
+  return names[static_cast<size_t>(s)];
 }
 
 std::vector<int> Tag::nodes() const {
   std::vector<int> sorted = entities;
-  std::sort(sorted.begin(), sorted.end());
-  sorted.erase(std::unique(sorted.begin(), sorted.end()), sorted.end());
+  sort_unique(sorted);
   return sorted;
+}
+
+Tag Tag::where(const std::function<bool(int node)>& holds) const {
+  Tag result{dimension, nodes_per_entity, {}};
+  for (int i = 0; i < count(); ++i) {
+    const int* first = entity(i);
+    if (std::all_of(first, first + nodes_per_entity, holds))
+      result.entities.insert(result.entities.end(), first, first + nodes_per_entity);
+  }
+  return result;
+}
+
+Eigen::VectorXd Mesh::centroid(int e) const {
+  Eigen::VectorXd centroid = Eigen::VectorXd::Zero(dimension());
+  for (int a = 0; a <= dimension(); ++a) centroid += node(element(e)[a]) / (dimension() + 1);
+  return centroid;
 }
 
 double Mesh::diagonal() const {
@@ -211,7 +180,7 @@ Tag Mesh::select(std::string_view name) const {
   name = trimmed(name);
   if (name.find('&') == std::string_view::npos || tags.contains(std::string(name))) return tag_called(*this, name);
   // A node is common when every named tag holds it.
-  std::vector<int> hits(static_cast<size_t>(node_count()), 0);
+  std::vector<int> hits(node_count(), 0);
   int named = 0;
   for (std::string_view rest = name; named == 0 || !rest.empty(); ++named) {
     const size_t end = rest.find('&');
@@ -223,13 +192,11 @@ Tag Mesh::select(std::string_view name) const {
     for (int node : tag_called(*this, part).nodes()) ++hits[node];
     rest = end == std::string_view::npos ? std::string_view{} : rest.substr(end + 1);
   }
-  std::vector<bool> common(hits.size());
-  std::transform(hits.begin(), hits.end(), common.begin(), [named](int count) { return count == named; });
-
+  const auto common = [&](int node) { return hits[node] == named; };
   const Tag facets = boundary(*this);
-  Tag selected = filtered(facets, common);
-  if (selected.entities.empty() && dimension() == 3) selected = filtered(edges_of_triangles(facets), common);
-  if (selected.entities.empty()) selected = filtered(Tag{0, 1, facets.nodes()}, common);
+  Tag selected = facets.where(common);
+  if (selected.entities.empty() && dimension() == 3) selected = edges_of_triangles(facets).where(common);
+  if (selected.entities.empty()) selected = Tag{0, 1, facets.nodes()}.where(common);
   if (selected.entities.empty()) {
     throw InputError(
         fmt::format("'{}' is empty: these tags share no node of the boundary; {}", name, known_tags(*this)));
@@ -244,6 +211,13 @@ int Mesh::region_index(std::string_view name) const {
                                  did_you_mean(name, region_names), join(region_names)));
   }
   return static_cast<int>(found - region_names.begin());
+}
+
+int Mesh::add_region(const std::string& name) {
+  const auto found = std::find(region_names.begin(), region_names.end(), name);
+  const int index = static_cast<int>(found - region_names.begin());
+  if (found == region_names.end()) region_names.push_back(name);
+  return index;
 }
 
 const Part& Mesh::part(std::string_view name) const {
@@ -276,12 +250,8 @@ Mesh merge(const std::vector<std::pair<std::string, Mesh>>& parts) {
     whole.X = std::move(X);
     for (int node : mesh.elements) whole.elements.push_back(first + node);
     std::vector<int> region_of;
-    for (const std::string& region : mesh.region_names) {
-      const auto found = std::find(whole.region_names.begin(), whole.region_names.end(), region);
-      region_of.push_back(static_cast<int>(found - whole.region_names.begin()));
-      if (found == whole.region_names.end()) whole.region_names.push_back(region);
-    }
-    for (int region : mesh.region) whole.region.push_back(region_of[static_cast<size_t>(region)]);
+    for (const std::string& region : mesh.region_names) region_of.push_back(whole.add_region(region));
+    for (int region : mesh.region) whole.region.push_back(region_of[region]);
     for (auto [tag_name, tag] : mesh.tags) {
       for (int& node : tag.entities) node += first;
       whole.tags[name + "." + tag_name] = std::move(tag);
@@ -294,7 +264,7 @@ void place(Mesh& mesh, double angle, const Eigen::VectorXd& shift) {
   const int d = mesh.dimension();
   const double c = std::cos(angle), s = std::sin(angle);
   for (int i = 0; i < mesh.node_count(); ++i) {
-    auto x = mesh.X.segment(static_cast<Eigen::Index>(i) * d, d);
+    auto x = mesh.X.segment(i * d, d);
     const double first = c * x[0] - s * x[1], second = s * x[0] + c * x[1];
     x[0] = first;
     x[1] = second;
@@ -311,11 +281,9 @@ void Mesh::check(std::string_view where) const {
     const double jacobian = smallest_jacobian(*this, e);
     const double scale = std::pow(longest_edge(*this, e), dimension());
     if (jacobian > flat * scale) continue;
-    Eigen::VectorXd centroid = Eigen::VectorXd::Zero(dimension());
-    for (int i = 0; i <= dimension(); ++i) centroid += node(element(e)[i]) / (dimension() + 1);
     const bool degenerate = jacobian >= -flat * scale;
     throw InputError(fmt::format(
-        "{}: element {} with centroid at {} is {}; {}", where, e, in_millimetres(centroid),
+        "{}: element {} with centroid at {} is {}; {}", where, e, in_millimetres(centroid(e)),
         degenerate ? "degenerate" : "inverted",
         degenerate ? "its nodes lie on one line or plane, or coincide" : "reverse its node order or unfold it"));
   }
@@ -329,7 +297,7 @@ Tag boundary(const Mesh& mesh) {
     int number;  ///< element * facets per element + local facet
   };
   std::vector<Facet> facets;
-  facets.reserve(static_cast<size_t>(mesh.element_count()) * reference.count);
+  facets.reserve(mesh.element_count() * reference.count);
   for (int e = 0; e < mesh.element_count(); ++e) {
     for (int f = 0; f < reference.count; ++f) {
       Facet facet{{-1, -1, -1}, e * reference.count + f};
@@ -375,7 +343,7 @@ Mesh to_quadratic(const Mesh& linear) {
       mesh.elements.push_back(mid_nodes.try_emplace(std::minmax({nodes[a], nodes[b]}), next).first->second);
     }
   }
-  mesh.X.conservativeResize(linear.X.size() + static_cast<Eigen::Index>(mid_nodes.size()) * d);
+  mesh.X.conservativeResize(linear.X.size() + mid_nodes.size() * d);
   straighten(mesh);
 
   for (auto& [name, tag] : mesh.tags) {
@@ -383,7 +351,7 @@ Mesh to_quadratic(const Mesh& linear) {
     const int vertices = tag.dimension + 1;
     const Tag old = std::exchange(tag, Tag{tag.dimension, nodes_per_entity(tag.dimension, 2), {}});
     for (int i = 0; i < old.count(); ++i) {
-      const int* nodes = &old.entities[i * vertices];
+      const int* nodes = old.entity(i);
       tag.entities.insert(tag.entities.end(), nodes, nodes + vertices);
       for (int edge = 0; edge < (tag.dimension == 1 ? 1 : 3); ++edge) {
         const auto found = mid_nodes.find(std::minmax({nodes[edge], nodes[(edge + 1) % vertices]}));

@@ -1,6 +1,7 @@
 #pragma once
 #include <Eigen/Core>
 #include <array>
+#include <functional>
 #include <map>
 #include <string>
 #include <string_view>
@@ -31,7 +32,10 @@ struct Tag {
   int nodes_per_entity = 1;
   std::vector<int> entities;  ///< node numbers, nodes_per_entity per entity
   int count() const { return static_cast<int>(entities.size()) / nodes_per_entity; }
+  const int* entity(int i) const { return entities.data() + static_cast<size_t>(i) * nodes_per_entity; }
   std::vector<int> nodes() const;  ///< sorted, unique
+  /// The entities all of whose nodes satisfy `holds`.
+  Tag where(const std::function<bool(int node)>& holds) const;
 };
 
 /// A separate piece of a mesh that was put together from several: a link, a ball. Its nodes and elements stand in a
@@ -57,7 +61,8 @@ struct Mesh {
   int node_count() const { return static_cast<int>(X.size()) / dimension(); }
   int element_count() const { return static_cast<int>(elements.size()) / nodes_per_element(); }
   const int* element(int e) const { return elements.data() + static_cast<size_t>(e) * nodes_per_element(); }
-  Eigen::VectorXd node(int i) const { return X.segment(static_cast<Eigen::Index>(i) * dimension(), dimension()); }
+  Eigen::VectorXd node(int i) const { return X.segment(i * dimension(), dimension()); }
+  Eigen::VectorXd centroid(int e) const;  ///< mean of the element's vertices [m]
   /// Diagonal of the bounding box [m].
   double diagonal() const;
 
@@ -68,6 +73,8 @@ struct Mesh {
 
   /// Region index by name; throws InputError with the nearest name.
   int region_index(std::string_view name) const;
+  /// The same, of a new region where there is none of that name.
+  int add_region(const std::string& name);
   /// Part by name; throws InputError with the nearest name.
   const Part& part(std::string_view name) const;
 

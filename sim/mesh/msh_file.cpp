@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <cmath>
 #include <cstdint>
@@ -116,39 +117,22 @@ class Lines {
 
 /// What is known of an element type that can be read.
 struct ElementType {
-  int dimension;
-  int order;
-  int nodes;
+  int dimension, order, nodes;
 };
 
 ElementType element_type(Number type, const Lines& lines) {
-  switch (type) {
-    case 15:
-      return {0, 0, 1};
-    case 1:
-      return {1, 1, 2};
-    case 8:
-      return {1, 2, 3};
-    case 2:
-      return {2, 1, 3};
-    case 9:
-      return {2, 2, 6};
-    case 4:
-      return {3, 1, 4};
-    case 11:
-      return {3, 2, 10};
-    default:
-      break;
-  }
-  const std::map<Number, std::string> known{{3, "quadrangle"},  {5, "hexahedron"},  {6, "prism"},       {7, "pyramid"},
-                                            {10, "quadrangle"}, {12, "hexahedron"}, {13, "prism"},      {14, "pyramid"},
-                                            {16, "quadrangle"}, {17, "hexahedron"}, {18, "prism"},      {19, "pyramid"},
-                                            {21, "triangle"},   {26, "line"},       {29, "tetrahedron"}};
-  const auto found = known.find(type);
+  static const std::map<Number, ElementType> types{{15, {0, 0, 1}}, {1, {1, 1, 2}}, {8, {1, 2, 3}},  {2, {2, 1, 3}},
+                                                   {9, {2, 2, 6}},  {4, {3, 1, 4}}, {11, {3, 2, 10}}};
+  static const std::map<Number, std::string> others{
+      {3, "quadrangle"},  {5, "hexahedron"}, {6, "prism"},     {7, "pyramid"},     {10, "quadrangle"},
+      {12, "hexahedron"}, {13, "prism"},     {14, "pyramid"},  {16, "quadrangle"}, {17, "hexahedron"},
+      {18, "prism"},      {19, "pyramid"},   {21, "triangle"}, {26, "line"},       {29, "tetrahedron"}};
+  if (const auto found = types.find(type); found != types.end()) return found->second;
+  const auto other = others.find(type);
   lines.fail(
       fmt::format("element type {}{} is not supported; mesh with triangles or tetrahedra of order 1 or 2 and "
                   "without recombination",
-                  type, found == known.end() ? "" : " (" + found->second + ")"));
+                  type, other == others.end() ? "" : " (" + other->second + ")"));
 }
 
 struct FileElement {
@@ -157,11 +141,6 @@ struct FileElement {
   ElementType type;
   std::vector<Number> groups;  ///< physical groups of the element's dimension
   std::vector<Number> nodes;
-};
-
-struct FileNode {
-  Number number;
-  Eigen::Vector3d position;
 };
 
 class MshReader {
@@ -185,31 +164,25 @@ class MshReader {
       lines_.fail(fmt::format("expected a section such as $Nodes, found '{}'", lines_.text().substr(0, 60)));
     }
     const std::string section = header.substr(1);
-    const bool known = section == "MeshFormat" || section == "PhysicalNames" || section == "Entities" ||
-                       section == "Nodes" || section == "Elements";
+    static const std::map<std::string, std::array<void (MshReader::*)(), 2>> readers{
+        // in formats 2.2 and 4.1
+        {"MeshFormat", {&MshReader::read_format, &MshReader::read_format}},
+        {"PhysicalNames", {&MshReader::read_names, &MshReader::read_names}},
+        {"Entities", {nullptr, &MshReader::read_entities}},
+        {"Nodes", {&MshReader::read_nodes_22, &MshReader::read_nodes_41}},
+        {"Elements", {&MshReader::read_elements_22, &MshReader::read_elements_41}}};
+    const auto reader = readers.find(section);
     if (section == "PartitionedEntities") {
       lines_.fail("partitioned meshes are not supported; save the mesh without partitions");
     }
-    if (!known) return lines_.skip_to_end(section);
+    if (reader == readers.end()) return lines_.skip_to_end(section);
     if (!seen_.insert(section).second) lines_.fail(fmt::format("a second ${} section; keep one", section));
     if (section != "MeshFormat" && !seen_.contains("MeshFormat")) {
       lines_.fail(fmt::format("${} before $MeshFormat: this is no Gmsh mesh file", section));
     }
-    if (section == "MeshFormat") {
-      read_format();
-    } else if (section == "PhysicalNames") {
-      read_names();
-    } else if (section == "Entities") {
-      if (new_format_) {
-        read_entities();
-      } else {
-        return lines_.skip_to_end(section);
-      }
-    } else if (section == "Nodes") {
-      new_format_ ? read_nodes_41() : read_nodes_22();
-    } else {
-      new_format_ ? read_elements_41() : read_elements_22();
-    }
+    const auto read = reader->second[new_format_ ? 1 : 0];
+    if (read == nullptr) return lines_.skip_to_end(section);
+    (this->*read)();
     lines_.expect_end(section);
   }
 
@@ -234,8 +207,7 @@ class MshReader {
       const EntityKey key{static_cast<int>(lines_.integer(0, "the dimension of a physical group")),
                           lines_.integer(1, "the number of a physical group")};
       const std::string& text = lines_.text();
-      const size_t first = text.find('"');
-      const size_t last = text.rfind('"');
+      const size_t first = text.find('"'), last = text.rfind('"');
       if (first == std::string::npos || last <= first + 1) {
         lines_.fail("the name of a physical group must be in double quotes and not empty");
       }
@@ -256,7 +228,7 @@ class MshReader {
         const Number count = lines_.count(before, "the number of physical groups");
         for (Number g = 0; g < count; ++g) {
           // A negative number asks Gmsh to save the elements reversed; they are oriented here anyway.
-          groups.push_back(std::abs(lines_.integer(before + 1 + static_cast<size_t>(g), "a physical group")));
+          groups.push_back(std::abs(lines_.integer(before + 1 + g, "a physical group")));
         }
       }
     }
@@ -267,9 +239,8 @@ class MshReader {
       lines_.fail(fmt::format("node {} occurs twice", number));
     }
     Eigen::Vector3d position;
-    for (int c = 0; c < 3; ++c)
-      position[c] = unit_ * lines_.real(first_coordinate + static_cast<size_t>(c), "a coordinate");
-    nodes_.push_back({number, position});
+    for (int c = 0; c < 3; ++c) position[c] = unit_ * lines_.real(first_coordinate + c, "a coordinate");
+    nodes_.push_back(position);
   }
 
   void read_nodes_22() {
@@ -299,12 +270,12 @@ class MshReader {
 
   void add_element(const ElementType& type, std::vector<Number> groups, size_t first_node) {
     FileElement element{lines_.line(), lines_.integer(0, "an element number"), type, std::move(groups), {}};
-    if (lines_.size() != first_node + static_cast<size_t>(type.nodes)) {
+    if (lines_.size() != first_node + type.nodes) {
       lines_.fail(fmt::format("element {} has {} nodes; its type has {}", element.number,
                               static_cast<Number>(lines_.size()) - static_cast<Number>(first_node), type.nodes));
     }
     for (int a = 0; a < type.nodes; ++a) {
-      element.nodes.push_back(lines_.integer(first_node + static_cast<size_t>(a), "a node number"));
+      element.nodes.push_back(lines_.integer(first_node + a, "a node number"));
     }
     // Gmsh numbers the tetrahedron's last two mid-nodes the other way round.
     if (type.nodes == 10) std::swap(element.nodes[8], element.nodes[9]);
@@ -322,7 +293,7 @@ class MshReader {
       if (group != 0) groups.push_back(group);
       if (tags > static_cast<Number>(lines_.size()))
         lines_.fail(fmt::format("{} tags are announced, fewer follow", tags));
-      add_element(type, std::move(groups), 3 + static_cast<size_t>(tags));
+      add_element(type, std::move(groups), 3 + tags);
     }
   }
 
@@ -357,11 +328,9 @@ class MshReader {
 
   /// Shape of the mesh; throws when elements of the highest dimension differ in order, or any other does not fit them.
   ElementShape shape_of_elements() const {
-    const FileElement* highest = nullptr;
-    for (const FileElement& element : elements_) {
-      if (highest == nullptr || element.type.dimension > highest->type.dimension) highest = &element;
-    }
-    if (highest == nullptr || highest->type.dimension < 2) {
+    const auto highest =
+        std::ranges::max_element(elements_, {}, [](const FileElement& element) { return element.type.dimension; });
+    if (highest == elements_.end() || highest->type.dimension < 2) {
       lines_.fail("the file has no triangles and no tetrahedra; mesh in 2D or 3D before saving");
     }
     for (const FileElement& element : elements_) {
@@ -398,12 +367,12 @@ class MshReader {
     }
     int used = 0;
     for (int& number : mesh_number_) number = number < 0 ? -1 : used++;
-    mesh.X.resize(static_cast<Eigen::Index>(used) * d);
+    mesh.X.resize(used * d);
     Eigen::Matrix3Xd positions(3, used);
     for (size_t i = 0; i < nodes_.size(); ++i) {
       if (mesh_number_[i] < 0) continue;
-      positions.col(mesh_number_[i]) = nodes_[i].position;
-      mesh.X.segment(mesh_number_[i] * d, d) = nodes_[i].position.head(d);
+      positions.col(mesh_number_[i]) = nodes_[i];
+      mesh.X.segment(mesh_number_[i] * d, d) = nodes_[i].head(d);
     }
     const Eigen::Vector3d extent = positions.rowwise().maxCoeff() - positions.rowwise().minCoeff();
     if (d == 2 && extent[2] > 1e-9 * extent.norm()) {
@@ -427,11 +396,7 @@ class MshReader {
       }
       for (Number group : element.groups) groups.emplace(group, name_of_group(d, group));
     }
-    for (const auto& [group, name] : groups) {
-      if (std::find(mesh.region_names.begin(), mesh.region_names.end(), name) == mesh.region_names.end()) {
-        mesh.region_names.push_back(name);
-      }
-    }
+    for (const auto& [group, name] : groups) mesh.add_region(name);
     std::map<std::vector<Number>, Number> line_of_vertices;
     for (const FileElement& element : elements_) {
       if (element.type.dimension != d) continue;
@@ -487,7 +452,7 @@ class MshReader {
   std::set<std::string> seen_;
   std::map<EntityKey, std::string> names_;
   std::map<EntityKey, std::vector<Number>> groups_of_entity_;
-  std::vector<FileNode> nodes_;
+  std::vector<Eigen::Vector3d> nodes_;
   std::unordered_map<Number, size_t> index_of_node_;
   std::vector<FileElement> elements_;
   std::vector<int> mesh_number_;  ///< of each file node; -1 for nodes of no element

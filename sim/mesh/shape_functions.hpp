@@ -26,7 +26,7 @@ struct ReferenceElement {
   static std::array<double, D + 1> barycentric(const Xi& xi) {
     std::array<double, D + 1> L;
     L[0] = 1.0 - xi.sum();
-    for (int i = 0; i < D; ++i) L[static_cast<size_t>(i) + 1] = xi[i];
+    for (int i = 0; i < D; ++i) L[i + 1] = xi[i];
     return L;
   }
 
@@ -58,6 +58,21 @@ struct ReferenceElement {
     return g;
   }
 
+  /// Natural coordinates of a node.
+  static Xi node(int a) {
+    Xi xi = Xi::Zero();
+    if (a > D) return 0.5 * (node(edges[a - D - 1][0]) + node(edges[a - D - 1][1]));
+    if (a > 0) xi[a - 1] = 1.0;
+    return xi;
+  }
+
+  /// Rest positions of an element's nodes [m], one column each.
+  static Eigen::Matrix<double, D, N> positions(const Mesh& mesh, int element) {
+    Eigen::Matrix<double, D, N> X;
+    for (int a = 0; a < N; ++a) X.col(a) = mesh.X.segment<D>(mesh.element(element)[a] * D);
+    return X;
+  }
+
   /// The rule that integrates the stiffness of the straight-sided element exactly: one point for linear, degree 2 (3
   /// points in 2D, 4 in 3D) for quadratic elements.
   static auto quadrature() {
@@ -70,8 +85,8 @@ struct ReferenceElement {
       constexpr double near = D == 2 ? 1.0 / 6.0 : 0.1381966011250105;
       std::array<Q, D + 1> points;
       for (int a = 0; a <= D; ++a) {
-        points[static_cast<size_t>(a)] = {Xi::Constant(near), measure / (D + 1)};
-        if (a > 0) points[static_cast<size_t>(a)].xi[a - 1] = 1.0 - D * near;
+        points[a] = {Xi::Constant(near), measure / (D + 1)};
+        if (a > 0) points[a].xi[a - 1] = 1.0 - D * near;
       }
       return points;
     }

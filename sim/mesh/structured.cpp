@@ -21,76 +21,43 @@ void check_grading(double length, int cells, double ratio) {
   }
 }
 
-/// End points of cells with the given relative sizes; the last one is exactly `length`.
-std::vector<double> accumulated(double length, const std::vector<double>& sizes) {
-  std::vector<double> sums{0.0};
-  for (double size : sizes) sums.push_back(sums.back() + size);
-  std::vector<double> x;
-  for (double sum : sums) x.push_back(length * (sum / sums.back()));
-  return x;
-}
-
-void check_coordinates(char axis, const std::vector<double>& x) {
-  if (x.size() < 2)
-    throw InputError(fmt::format("grid: {} coordinates along {}; at least 2 are needed", x.size(), axis));
-  for (size_t i = 0; i < x.size(); ++i) {
-    if (!std::isfinite(x[i]) || (i > 0 && x[i] <= x[i - 1])) {
-      throw InputError(
-          fmt::format("grid: coordinate {} along {} is {} m; coordinates must be finite and increase", i, axis, x[i]));
+void check_grid(const std::vector<std::vector<double>>& coordinates, int order, const std::string& region) {
+  for (size_t axis = 0; axis < coordinates.size(); ++axis) {
+    const std::vector<double>& x = coordinates[axis];
+    const char name = "xyz"[axis];
+    if (x.size() < 2)
+      throw InputError(fmt::format("grid: {} coordinates along {}; at least 2 are needed", x.size(), name));
+    for (size_t i = 0; i < x.size(); ++i) {
+      if (!std::isfinite(x[i]) || (i > 0 && x[i] <= x[i - 1])) {
+        throw InputError(fmt::format("grid: coordinate {} along {} is {} m; coordinates must be finite and increase", i,
+                                     name, x[i]));
+      }
     }
   }
-}
-
-void check_order(int order, const std::string& region) {
   if (order != 1 && order != 2) throw InputError(fmt::format("grid: element order {}; 1 and 2 are allowed", order));
   if (region.empty()) throw InputError("grid: the region has no name; give it one, e.g. 'body'");
 }
 
-/// Tags the sides of a grid. Nodes are numbered x fastest; `counts` are the grid points along each axis.
-void tag_sides(Mesh& mesh, const std::vector<int>& counts) {
-  const Tag facets = boundary(mesh);
-  const int n = facets.nodes_per_entity;
-  int stride = 1;
-  for (size_t axis = 0; axis < counts.size(); ++axis) {
-    for (const bool upper : {false, true}) {
-      // By grid index rather than by coordinate: exact whatever the coordinates are.
-      const auto on_side = [&](int node) { return node / stride % counts[axis] == (upper ? counts[axis] - 1 : 0); };
-      Tag side{facets.dimension, n, {}};
-      for (int f = 0; f < facets.count(); ++f) {
-        const auto first = facets.entities.begin() + f * n;
-        if (std::all_of(first, first + n, on_side)) side.entities.insert(side.entities.end(), first, first + n);
-      }
-      mesh.tags[std::string(1, "xyz"[axis]) + (upper ? "max" : "min")] = std::move(side);
-    }
-    stride *= counts[axis];
-  }
-}
-
-Mesh with_order(Mesh mesh, int order) {
-  return order == 1 ? std::move(mesh) : to_quadratic(mesh);
+/// One region, tagged sides. Nodes are numbered x fastest; `counts` are the grid points along each axis.
+Mesh finished(Mesh mesh, const std::array<int, 3>& counts, int order, const std::string& region) {
+  mesh.region_names = {region};
+  mesh.region.assign(mesh.element_count(), 0);
+  const std::array<int, 3> stride{1, counts[0], counts[0] * counts[1]};
+  // By grid index rather than by coordinate: exact whatever the coordinates are.
+  tag_sides(mesh, [&](int node, int axis, bool upper) {
+    return node / stride[axis] % counts[axis] == (upper ? counts[axis] - 1 : 0);
+  });
+  return order == 1 ? mesh : to_quadratic(mesh);
 }
 
 }  // namespace
 
 std::vector<double> graded(double length, int cells, double ratio) {
   check_grading(length, cells, ratio);
-  std::vector<double> sizes;
+  std::vector<double> sums{0.0}, x;
   for (int i = 0; i < cells; ++i)
-    sizes.push_back(cells == 1 ? 1.0 : std::pow(ratio, static_cast<double>(i) / (cells - 1)));
-  return accumulated(length, sizes);
-}
-
-std::vector<double> graded_both(double length, int cells, double ratio) {
-  check_grading(length, cells, ratio);
-  const int half = (cells - 1) / 2;  // steps from the first cell to the (first) middle cell
-  std::vector<double> sizes;
-  for (int i = 0; i < cells; ++i) {
-    const int from_end = std::min(i, cells - 1 - i);
-    sizes.push_back(half == 0 ? 1.0 : std::pow(ratio, static_cast<double>(from_end) / half));
-  }
-  std::vector<double> x = accumulated(length, sizes);
-  for (int i = 0; 2 * i < cells; ++i) x[cells - i] = length - x[i];  // symmetric to the last digit
-  if (cells % 2 == 0) x[cells / 2] = 0.5 * length;
+    sums.push_back(sums.back() + (cells == 1 ? 1.0 : std::pow(ratio, static_cast<double>(i) / (cells - 1))));
+  for (double sum : sums) x.push_back(length * (sum / sums.back()));
   return x;
 }
 
@@ -102,11 +69,8 @@ void step_to(std::vector<double>& x, double end, int cells) {
 
 Mesh rectangle(const std::vector<double>& x, const std::vector<double>& y, int order, const std::string& region,
                Diagonals diagonals) {
-  check_coordinates('x', x);
-  check_coordinates('y', y);
-  check_order(order, region);
-  const int nx = static_cast<int>(x.size());
-  const int ny = static_cast<int>(y.size());
+  check_grid({x, y}, order, region);
+  const int nx = static_cast<int>(x.size()), ny = static_cast<int>(y.size());
   Mesh mesh;
   mesh.shape = ElementShape::tri3;
   mesh.X.resize(2 * nx * ny);
@@ -115,10 +79,7 @@ Mesh rectangle(const std::vector<double>& x, const std::vector<double>& y, int o
   }
   for (int j = 0; j + 1 < ny; ++j) {
     for (int i = 0; i + 1 < nx; ++i) {
-      const int a = i + nx * j;
-      const int b = a + 1;
-      const int c = b + nx;
-      const int d = a + nx;
+      const int a = i + nx * j, b = a + 1, c = b + nx, d = a + nx;
       if (diagonals == Diagonals::rising || (diagonals == Diagonals::alternating && (i + j) % 2 == 0)) {
         mesh.elements.insert(mesh.elements.end(), {a, b, c, a, c, d});
       } else {
@@ -126,21 +87,13 @@ Mesh rectangle(const std::vector<double>& x, const std::vector<double>& y, int o
       }
     }
   }
-  mesh.region_names = {region};
-  mesh.region.assign(static_cast<size_t>(mesh.element_count()), 0);
-  tag_sides(mesh, {nx, ny});
-  return with_order(std::move(mesh), order);
+  return finished(std::move(mesh), {nx, ny, 1}, order, region);
 }
 
 Mesh box(const std::vector<double>& x, const std::vector<double>& y, const std::vector<double>& z, int order,
          const std::string& region) {
-  check_coordinates('x', x);
-  check_coordinates('y', y);
-  check_coordinates('z', z);
-  check_order(order, region);
-  const int nx = static_cast<int>(x.size());
-  const int ny = static_cast<int>(y.size());
-  const int nz = static_cast<int>(z.size());
+  check_grid({x, y, z}, order, region);
+  const int nx = static_cast<int>(x.size()), ny = static_cast<int>(y.size()), nz = static_cast<int>(z.size());
   Mesh mesh;
   mesh.shape = ElementShape::tet4;
   mesh.X.resize(3 * nx * ny * nz);
@@ -172,15 +125,12 @@ Mesh box(const std::vector<double>& x, const std::vector<double>& y, const std::
       }
     }
   }
-  mesh.region_names = {region};
-  mesh.region.assign(static_cast<size_t>(mesh.element_count()), 0);
-  tag_sides(mesh, {nx, ny, nz});
-  return with_order(std::move(mesh), order);
+  return finished(std::move(mesh), {nx, ny, nz}, order, region);
 }
 
 void map_vertices(Mesh& mesh, const std::function<Eigen::VectorXd(const Eigen::VectorXd&)>& map) {
   const int d = mesh.dimension();
-  std::vector<bool> vertex(static_cast<size_t>(mesh.node_count()), false);
+  std::vector<bool> vertex(mesh.node_count(), false);
   for (int e = 0; e < mesh.element_count(); ++e) {
     for (int a = 0; a <= d; ++a) vertex[mesh.element(e)[a]] = true;
   }
@@ -197,20 +147,16 @@ void map_vertices(Mesh& mesh, const std::function<Eigen::VectorXd(const Eigen::V
 }
 
 void assign_regions(Mesh& mesh, const std::function<std::string(const Eigen::VectorXd&)>& name_at) {
-  const int d = mesh.dimension();
   mesh.region_names.clear();
   mesh.region.clear();
   for (int e = 0; e < mesh.element_count(); ++e) {
-    Eigen::VectorXd centroid = Eigen::VectorXd::Zero(d);
-    for (int a = 0; a <= d; ++a) centroid += mesh.node(mesh.element(e)[a]) / (d + 1);
+    const Eigen::VectorXd centroid = mesh.centroid(e);
     const std::string name = name_at(centroid);
     if (name.empty()) {
       throw InputError(fmt::format("assign_regions: element {} with centroid at {} gets no region name", e,
                                    in_millimetres(centroid)));
     }
-    const auto found = std::find(mesh.region_names.begin(), mesh.region_names.end(), name);
-    mesh.region.push_back(static_cast<int>(found - mesh.region_names.begin()));
-    if (found == mesh.region_names.end()) mesh.region_names.push_back(name);
+    mesh.region.push_back(mesh.add_region(name));
   }
 }
 

@@ -11,9 +11,6 @@ namespace taut {
 /// ratio = 1 is uniform; ratio > 1 makes the cells at 0 the finest. Errors: InputError for cells < 1 or ratio <= 0.
 std::vector<double> graded(double length, int cells, double ratio = 1.0);
 
-/// Like graded(), refined towards both ends: the middle cell is `ratio` times the first and the last one.
-std::vector<double> graded_both(double length, int cells, double ratio);
-
 /// Appends `cells` equal steps up to `end`, which is exact.
 void step_to(std::vector<double>& x, double end, int cells);
 

@@ -27,17 +27,9 @@ std::span<const std::array<int, 2>> edges_of(ElementShape shape) {
 }
 
 ReferenceFacets facets_of(ElementShape shape) {
-  switch (shape) {
-    case ElementShape::tri3:
-      return {3, 2, tri3_facets};
-    case ElementShape::tri6:
-      return {3, 3, tri6_facets};
-    case ElementShape::tet4:
-      return {4, 3, tet4_facets};
-    case ElementShape::tet10:
-      break;
-  }
-  return {4, 6, tet10_facets};
+  if (dimension_of(shape) == 2)
+    return order_of(shape) == 1 ? ReferenceFacets{3, 2, tri3_facets} : ReferenceFacets{3, 3, tri6_facets};
+  return order_of(shape) == 1 ? ReferenceFacets{4, 3, tet4_facets} : ReferenceFacets{4, 6, tet10_facets};
 }
 
 int nodes_per_entity(int dimension, int order) {
@@ -74,9 +66,9 @@ void orient_tags(Mesh& mesh, std::string_view where) {
   std::map<std::array<int, 3>, std::vector<int>> oriented;
   for (const auto& [name, tag] : mesh.tags) {
     if (tag.dimension != d - 1) continue;
-    for (int i = 0; i < tag.count(); ++i) oriented[sorted_vertices(&tag.entities[i * tag.nodes_per_entity])];
+    for (int i = 0; i < tag.count(); ++i) oriented[sorted_vertices(tag.entity(i))];
   }
-  std::vector<int> facet(static_cast<size_t>(facets.nodes_per_facet));
+  std::vector<int> facet(facets.nodes_per_facet);
   for (int e = 0; e < mesh.element_count(); ++e) {
     for (int f = 0; f < facets.count; ++f) {
       for (int i = 0; i < facets.nodes_per_facet; ++i) {
@@ -98,6 +90,16 @@ void orient_tags(Mesh& mesh, std::string_view where) {
                         where, name, d == 2 ? "segment" : "triangle", in_millimetres(mesh.node(nodes[0]))));
       }
       std::copy(replacement.begin(), replacement.end(), nodes);
+    }
+  }
+}
+
+void tag_sides(Mesh& mesh, const std::function<bool(int node, int axis, bool upper)>& on_side) {
+  const Tag facets = boundary(mesh);
+  for (int axis = 0; axis < mesh.dimension(); ++axis) {
+    for (bool upper : {false, true}) {
+      mesh.tags[std::string(1, "xyz"[axis]) + (upper ? "max" : "min")] =
+          facets.where([&](int node) { return on_side(node, axis, upper); });
     }
   }
 }

@@ -1,5 +1,6 @@
 #pragma once
 #include <array>
+#include <functional>
 #include <span>
 #include <string>
 
@@ -31,6 +32,9 @@ void flip_element(ElementShape shape, int* nodes);
 /// Orients every tagged facet outward of the first element that owns it. Throws InputError naming the tag when a
 /// tagged facet is no facet of any element; `where` starts the message.
 void orient_tags(Mesh& mesh, std::string_view where);
+
+/// Tags the sides xmin, xmax, ... of a mesh: the facets all of whose nodes are on_side(node, axis, upper).
+void tag_sides(Mesh& mesh, const std::function<bool(int node, int axis, bool upper)>& on_side);
 
 /// Moves the mid-nodes of quadratic elements to the middle of their edges.
 void straighten(Mesh& mesh);

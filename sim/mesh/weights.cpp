@@ -10,20 +10,15 @@ namespace {
 
 /// Share of each node in the integral of its shape function over a straight entity of unit measure.
 std::vector<double> shares(const Tag& tag) {
-  switch (tag.dimension) {
-    case 0:
-      return {1.0};
-    case 1:
-      return tag.nodes_per_entity == 2 ? std::vector{0.5, 0.5} : std::vector{1.0 / 6, 1.0 / 6, 4.0 / 6};
-    default:
-      return tag.nodes_per_entity == 3 ? std::vector(3, 1.0 / 3)
-                                       : std::vector{0.0, 0.0, 0.0, 1.0 / 3, 1.0 / 3, 1.0 / 3};
-  }
+  const bool linear = tag.nodes_per_entity == tag.dimension + 1;
+  if (tag.dimension == 0) return {1.0};
+  if (tag.dimension == 1) return linear ? std::vector{0.5, 0.5} : std::vector{1.0 / 6, 1.0 / 6, 4.0 / 6};
+  return linear ? std::vector(3, 1.0 / 3) : std::vector{0.0, 0.0, 0.0, 1.0 / 3, 1.0 / 3, 1.0 / 3};
 }
 
 double measure_of_entity(const Mesh& mesh, const Tag& tag, int entity) {
   if (tag.dimension == 0) return 1.0;
-  const int* node = tag.entities.data() + static_cast<size_t>(entity) * tag.nodes_per_entity;
+  const int* node = tag.entity(entity);
   const Eigen::VectorXd a = mesh.node(node[1]) - mesh.node(node[0]);
   if (tag.dimension == 1) return a.norm();
   const Eigen::VectorXd b = mesh.node(node[2]) - mesh.node(node[0]);
@@ -31,7 +26,7 @@ double measure_of_entity(const Mesh& mesh, const Tag& tag, int entity) {
 }
 
 void add_at_node(Eigen::VectorXd& weights, int node, double share, const Eigen::VectorXd& direction) {
-  weights.segment(static_cast<Eigen::Index>(node) * direction.size(), direction.size()) += share * direction;
+  weights.segment(node * direction.size(), direction.size()) += share * direction;
 }
 
 }  // namespace
@@ -49,8 +44,7 @@ Eigen::VectorXd mean_weights(const Mesh& mesh, const Tag& tag, const Eigen::Vect
   for (int entity = 0; entity < tag.count(); ++entity) {
     const double measure = measure_of_entity(mesh, tag, entity);
     for (int a = 0; a < tag.nodes_per_entity; ++a) {
-      add_at_node(weights, tag.entities[static_cast<size_t>(entity) * tag.nodes_per_entity + a],
-                  share[static_cast<size_t>(a)] * measure, unit);
+      add_at_node(weights, tag.entities[entity * tag.nodes_per_entity + a], share[a] * measure, unit);
     }
   }
   return weights;
@@ -61,8 +55,7 @@ std::vector<double> element_measures(const Mesh& mesh) {
     using Reference = ReferenceElement<shape>;
     std::vector<double> measures;
     for (int e = 0; e < mesh.element_count(); ++e) {
-      Eigen::Matrix<double, Reference::D, Reference::N> X;
-      for (int a = 0; a < Reference::N; ++a) X.col(a) = mesh.node(mesh.element(e)[a]);
+      const auto X = Reference::positions(mesh, e);
       double sum = 0;
       for (const auto& point : Reference::quadrature()) {
         const Eigen::Matrix<double, Reference::D, Reference::D> jacobian =
@@ -86,10 +79,9 @@ Eigen::VectorXd body_weights(const Mesh& mesh, int region, const Eigen::VectorXd
   const std::vector<double> measures = element_measures(mesh);
   Eigen::VectorXd weights = Eigen::VectorXd::Zero(mesh.X.size());
   for (int e = 0; e < mesh.element_count(); ++e) {
-    if (mesh.region[static_cast<size_t>(e)] != region) continue;
+    if (mesh.region[e] != region) continue;
     for (int a = 0; a < mesh.nodes_per_element(); ++a) {
-      add_at_node(weights, mesh.element(e)[a], (a < vertices ? at_vertex : at_mid) * measures[static_cast<size_t>(e)],
-                  unit);
+      add_at_node(weights, mesh.element(e)[a], (a < vertices ? at_vertex : at_mid) * measures[e], unit);
     }
   }
   return weights;

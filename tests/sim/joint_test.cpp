@@ -6,6 +6,7 @@
 #include "sim/scene/scene.hpp"
 #include "sim/solve/equilibrium.hpp"
 #include "tests/support/arm.hpp"
+#include "tests/support/graded.hpp"
 #include "tests/support/mesh_checks.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/term_battery.hpp"

@@ -8,6 +8,7 @@
 #include <set>
 
 #include "sim/mesh/structured.hpp"
+#include "tests/support/graded.hpp"
 #include "tests/support/mesh_checks.hpp"
 #include "tests/support/message.hpp"
 
@@ -80,7 +81,7 @@ TEST(Graded, WrongArgumentsAreRefused) {
   expect_input_error([] { graded(1.0, 2, 0.0); }, {"ratio 0", "positive"});
   expect_input_error([] { graded(1.0, 2, -3.0); }, {"ratio -3"});
   expect_input_error([] { graded(0.0, 2); }, {"length 0"});
-  expect_input_error([] { graded_both(1.0, -1, 2.0); }, {"-1 cells"});
+  expect_input_error([] { graded(1.0, -1, 2.0); }, {"-1 cells"});
 }
 
 TEST(Structured, AreaAndVolumeAreExact) {

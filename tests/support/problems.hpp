@@ -6,6 +6,7 @@
 #include "sim/mesh/weights.hpp"
 #include "sim/scene/scene.hpp"
 #include "sim/solve/equilibrium.hpp"
+#include "tests/support/graded.hpp"
 
 // The plane-strain problems whose answers are tabulated in tests/verification/plane_benchmarks_test.cpp, for tests and
 // benchmarks alike. Each has one control, "force" [N] in all, and the channel "tip": the mean displacement of the
