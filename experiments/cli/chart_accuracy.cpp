@@ -1,12 +1,10 @@
-#include "experiments/cli/chart_accuracy.hpp"
-
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
 #include "calib/studies/accuracy.hpp"
-#include "experiments/cli/chart_study.hpp"
+#include "experiments/cli/chart.hpp"
 #include "reports/accuracy_figures.hpp"
 
 namespace taut {
@@ -24,12 +22,9 @@ std::vector<const AccuracyPoint*> by_time(const AccuracyChart& chart, const Runs
 }
 
 Json json_of(const AccuracyStudy& study, const Runs& runs, const AccuracyChart& chart, size_t missing) {
-  Json json{{"title", study.title},
-            {"data", study.simulated ? "simulated" : "measured"},
-            {"reference", chart.reference},
-            {"uncertainty", std::isfinite(chart.uncertainty) ? Json(chart.uncertainty) : Json(nullptr)},
-            {"missing", missing},
-            {"settings", Json::array()},
+  Json json{{"title", study.title},         {"data", study.simulated ? "simulated" : "measured"},
+            {"reference", chart.reference}, {"uncertainty", chart.uncertainty},
+            {"missing", missing},           {"settings", Json::array()},
             {"failed", Json::array()}};
   for (const AccuracyPoint* point : by_time(chart, runs)) {
     const AccuracySetting& setting = study.settings[point->setting];
@@ -83,15 +78,14 @@ int chart_accuracy(const CommandOptions& options) {
                            study.settings.size(), options.budget, folder.study.file));
   const Runs runs = run_settings(study, folder.study);
   const auto missing = static_cast<size_t>(std::count(runs.begin(), runs.end(), std::nullopt));
-  if (missing == runs.size() && options.stop != nullptr && options.stop->load()) return exit_interrupted;
+  if (missing == runs.size() && options.interrupted()) return exit_interrupted;
   const AccuracyChart chart = judge(study, runs);
   progress.show("drawing");
   draw_accuracy(study, runs, chart, folder.path.string());
-  if (options.json) {
+  if (options.json)
     fmt::print("{}\n", json_of(study, runs, chart, missing).dump(2));
-  } else {
+  else
     print_chart(study, runs, chart);
-  }
   progress.say("figures: " + (folder.path / "figures" / "accuracy_cost.png").string());
   return close_chart(options, missing, runs.size(), progress);
 }

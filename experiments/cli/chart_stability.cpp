@@ -1,12 +1,10 @@
-#include "experiments/cli/chart_stability.hpp"
-
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
 #include "calib/studies/stability.hpp"
-#include "experiments/cli/chart_study.hpp"
+#include "experiments/cli/chart.hpp"
 #include "reports/stability_figures.hpp"
 
 namespace taut {
@@ -14,12 +12,10 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-std::vector<StabilityMap> maps_of(const Experiment& experiment) {
+std::vector<StabilityMap> maps_of(const Charted& charted) {
+  if (const auto* simulation = std::get_if<Simulation>(&charted)) return stability_maps(*simulation);
+  const Experiment& experiment = std::get<Experiment>(charted);
   return stability_maps(experiment, experiment.kind->at_rest ? read_trials(experiment.bench) : Trials());
-}
-
-std::vector<StabilityMap> maps_of(const Simulation& simulation) {
-  return stability_maps(simulation);
 }
 
 /// Whether readings were simulated; a simulation is its own subject.
@@ -33,16 +29,13 @@ Json counts_of(const StabilityMap& map, const std::vector<std::optional<Stabilit
   Json methods = Json::array();
   for (size_t m = 0; m < map.methods.size(); ++m) {
     Json method{{"method", map.methods[m]}, {"runs", 0}, {"newton_iterations", 0}, {"factorisations", 0}};
-    for (size_t y = 0; y < map.y.size(); ++y) {
-      for (size_t x = 0; x < map.x.size(); ++x) {
-        const std::optional<StabilityRun>& run = runs[map.cell(m, x, y)];
-        if (!run) continue;
-        const std::string outcome(name_of(run->outcome));
-        method["runs"] = method["runs"].get<int>() + 1;
-        method["newton_iterations"] = method["newton_iterations"].get<int>() + run->iterations;
-        method["factorisations"] = method["factorisations"].get<int>() + run->factorisations;
-        method[outcome] = method.value(outcome, 0) + 1;
-      }
+    for (size_t cell = map.cell(m, 0, 0); cell < map.cell(m + 1, 0, 0); ++cell) {
+      if (!runs[cell]) continue;
+      const std::string outcome(name_of(runs[cell]->outcome));
+      method["runs"] = method["runs"].get<int>() + 1;
+      method["newton_iterations"] = method["newton_iterations"].get<int>() + runs[cell]->iterations;
+      method["factorisations"] = method["factorisations"].get<int>() + runs[cell]->factorisations;
+      method[outcome] = method.value(outcome, 0) + 1;
     }
     methods.push_back(method);
   }
@@ -68,7 +61,7 @@ void print_counts(const Json& map) {
 int chart_stability(const CommandOptions& options) {
   Progress progress(options.quiet);
   const Charted charted = read_charted(options);
-  const std::vector<StabilityMap> maps = std::visit([](const auto& one) { return maps_of(one); }, charted);
+  const std::vector<StabilityMap> maps = maps_of(charted);
   const std::string title = std::visit([](const auto& one) { return one.title; }, charted);
   const ChartFolder folder = open_chart(options, "stability", charted, progress);
   const auto runs = run_stability(maps, folder.study);

@@ -1,7 +1,9 @@
 #pragma once
 #include <atomic>
+#include <boost/program_options/options_description.hpp>
 #include <map>
 #include <string>
+#include <vector>
 
 namespace taut {
 
@@ -28,24 +30,56 @@ struct CommandOptions {
   std::string wrt;                         ///< simulate: the parameters of both, "ID,ID,..."; "" for all
   bool json = false;
   bool quiet = false;
-  bool variants = true;  ///< fit: also the [[fit.variant]] ones
-  bool fresh = false;    ///< fit: not from where an interrupted run stopped
+  bool no_variants = false;  ///< fit: without the [[fit.variant]] ones
+  bool fresh = false;        ///< fit: not from where an interrupted run stopped
   int threads = 0;
   std::string command_line;
   const std::atomic<bool>* stop = nullptr;  ///< raised by Ctrl-C
+
+  bool interrupted() const { return stop != nullptr && stop->load(); }
 };
 
-/// Reads experiment, bench and model, says what was understood and what looks wrong; solves nothing.
-int check_command(const CommandOptions& options);
-/// Draws the specimen of an experiment at rest with its dimensions; reads no bench, solves nothing.
-int draw_command(const CommandOptions& options);
-/// Simulates every row of the bench with the nominal parameters: table on stdout; predictions.csv and states as VTU.
-int replay_command(const CommandOptions& options);
-/// Fits the free parameters and writes a run folder.
-int fit_command(const CommandOptions& options);
-/// Predicts at new loads with the parameters and covariance of a run.
-int predict_command(const CommandOptions& options);
-/// Rebuilds figures and report of a run from its fit.json, without solving.
-int report_command(const CommandOptions& options);
+/// add("name", po::value(&options.member)->value_name("UNIT"), "what it does") declares an option.
+using AddOption = boost::program_options::options_description_easy_init;
+
+/// A command: what its help says, what it takes, what it does. Each is made in a file of its own.
+struct Command {
+  std::string name;
+  std::string arguments;  ///< as the usage has them: "EXPERIMENT"
+  std::string summary;
+  std::string examples;  ///< a line each; the first one stands in `taut --help` as well
+  /// Declares the options that not all commands have; null: there are none.
+  void (*add_options)(AddOption add, CommandOptions& options) = nullptr;
+  /// Checks its options, does the work, prints the result; returns the exit code. Throws InputError.
+  int (*run)(const CommandOptions& options) = nullptr;
+  /// Where the words go that are no options; the last one is needed.
+  std::vector<std::string CommandOptions::*> positional = {&CommandOptions::target};
+};
+
+/// Progress on stderr: one animated line on a terminal, plain lines otherwise, nothing when quiet.
+class Progress {
+ public:
+  explicit Progress(bool quiet);
+  ~Progress();
+  void say(const std::string& line);   ///< a step that stays
+  void show(const std::string& line);  ///< a state that is replaced by the next; skipped when not on a terminal
+ private:
+  void clear();
+  bool quiet_, terminal_, shown_ = false;
+};
+
+/// Name of the folder of an experiment.toml, or of another file without its extension.
+std::string experiment_name(const std::string& path);
+/// runs/<name of the experiment>, or what --out says.
+std::string run_folder(const CommandOptions& options);
+
+/// --out, of commands that write a folder.
+void add_out(AddOption add, CommandOptions& options,
+             const char* what = "run folder; default: runs/<name of the experiment's folder>");
+/// --threads, of commands that solve several states at the same time.
+void add_threads(AddOption add, CommandOptions& options);
+
+/// What `taut` knows, in the order in which its help lists them.
+const std::vector<Command>& all_commands();
 
 }  // namespace taut

@@ -1,16 +1,15 @@
 #include <fmt/format.h>
 
+#include <boost/program_options.hpp>
 #include <filesystem>
+#include <optional>
 
 #include "calib/data/files.hpp"
 #include "calib/data/run_folder.hpp"
 #include "calib/runs/open_bench.hpp"
 #include "calib/runs/run_fit.hpp"
-#include "experiments/cli/commands.hpp"
 #include "experiments/cli/print.hpp"
-#include "experiments/cli/progress.hpp"
-#include "experiments/cli/run_inputs.hpp"
-#include "experiments/cli/version.hpp"
+#include "experiments/cli/provenance.hpp"
 #include "reports/report.hpp"
 #include "reports/vtu.hpp"
 #include "sim/core/error.hpp"
@@ -19,15 +18,58 @@ namespace taut {
 namespace {
 
 namespace fs = std::filesystem;
+namespace po = boost::program_options;
 
-void fill_provenance(const CommandOptions& options, const Bench& bench, Provenance& provenance) {
-  provenance.version = version();
-  provenance.commit = commit();
-  provenance.libraries = library_versions();
-  provenance.command_line = options.command_line;
-  provenance.inputs = inputs_of(bench);
-  provenance.started = utc_now();
-  provenance.machine = machine_description();
+/// What is fitted, and what of it is known from an interrupted run.
+void say_start(const Bench& bench, const RunRecord& record, const EvaluationLog& log, Progress& progress) {
+  for (const std::string& warning : record.remarks) progress.say("warning: " + warning);
+  progress.say("fitting " + bench.size_text());
+  if (log.known() > 0)
+    progress.say(
+        fmt::format("going on with an interrupted run: {} evaluations are known and not made again (--fresh "
+                    "starts anew)",
+                    log.known()));
+  if (log.discarded())
+    progress.say("what an interrupted run of other inputs, or of another taut, had left is discarded");
+}
+
+/// The fit with all that follows; what is finished stands in folder.next() at once.
+RunRecord fit_into(const CommandOptions& options, Bench& bench, RunRecord record, EvaluationLog& log,
+                   const RunFolder& folder, Progress& progress) {
+  bool copied = false;
+  RunEvents events;
+  events.say = [&](const std::string& line) { progress.say(line); };
+  events.show = [&](const std::string& line) { progress.show(line); };
+  events.keep = [&](const RunRecord& so_far) {
+    write_file((fs::path(folder.next()) / "fit.json").string(), to_json(so_far));
+    if (!std::exchange(copied, true)) copy_inputs(so_far.provenance.inputs, folder.next());
+  };
+  events.states = [&](const SolvedStates& states) { write_states(states, folder.next()); };
+  return run_fit(bench, std::move(record), log, {!options.no_variants, options.stop}, events);
+}
+
+/// The exit code of a run that has nothing to take the place of what stands in the folder; nullopt: it has.
+std::optional<int> came_to_nothing(const CommandOptions& options, const RunRecord& record, RunFolder& folder,
+                                   Progress& progress) {
+  if (record.fit.status == FitStatus::start_failed) {
+    print_failures(record.fit.failures);
+    fmt::print(stderr,
+               "taut: the simulation failed at the start of the fit; change the start values, or look at the model "
+               "with `taut replay`\n");
+    if (options.interrupted()) return exit_interrupted;
+    folder.forget_resume();  // it would fail again in the same way
+    return exit_solve;
+  }
+  if (record.interrupted && record.fit.covariance.size() == 0) {
+    progress.say("interrupted before the fit had a result; the same command goes on from here");
+    return exit_interrupted;
+  }
+  if (record.interrupted && folder.finished()) {
+    progress.say(fmt::format(
+        "interrupted; the finished run in {} stays as it is, and the same command goes on from here", folder.path()));
+    return exit_interrupted;
+  }
+  return std::nullopt;
 }
 
 /// Figures and report, the last and least of a run: where they fail, all else is there.
@@ -51,7 +93,7 @@ std::string cost_text(const RunRecord& record) {
 }
 
 int exit_code(const CommandOptions& options, const RunRecord& record, const std::string& report_failure) {
-  if (interrupted(options)) return exit_interrupted;
+  if (options.interrupted()) return exit_interrupted;
   if (record.fit.status != FitStatus::converged) {
     fmt::print(stderr, "taut: the fit did not converge: {}\n", record.fit.message);
     return exit_fit;
@@ -63,53 +105,18 @@ int exit_code(const CommandOptions& options, const RunRecord& record, const std:
   return record.failed_stages > 0 ? exit_solve : exit_ok;
 }
 
-}  // namespace
-
-int fit_command(const CommandOptions& options) {
+/// Fits the free parameters and writes a run folder.
+int run(const CommandOptions& options) {
   const std::unique_ptr<Bench> bench = open_bench(options.target, {options.threads, options.stop});
   Progress progress(options.quiet);
   RunFolder folder(run_folder(options));
   if (options.fresh) folder.forget_resume();
   RunRecord record = start_record(*bench);
-  fill_provenance(options, *bench, record.provenance);
+  record.provenance = provenance_of(options, *bench);
   EvaluationLog log(folder.resume(), fingerprint_of(record.provenance.inputs));
-  for (const std::string& warning : record.remarks) progress.say("warning: " + warning);
-  progress.say("fitting " + bench->size_text());
-  if (log.known() > 0)
-    progress.say(
-        fmt::format("going on with an interrupted run: {} evaluations are known and not made again (--fresh "
-                    "starts anew)",
-                    log.known()));
-  if (log.discarded())
-    progress.say("what an interrupted run of other inputs, or of another taut, had left is discarded");
-  bool copied = false;
-  RunEvents events;
-  events.say = [&](const std::string& line) { progress.say(line); };
-  events.show = [&](const std::string& line) { progress.show(line); };
-  events.keep = [&](const RunRecord& so_far) {
-    write_file((fs::path(folder.next()) / "fit.json").string(), to_json(so_far));
-    if (!std::exchange(copied, true)) copy_inputs(so_far.provenance.inputs, folder.next());
-  };
-  events.states = [&](const SolvedStates& states) { write_states(states, folder.next()); };
-  record = run_fit(*bench, std::move(record), log, {options.variants, options.stop}, events);
-  if (record.fit.status == FitStatus::start_failed) {
-    for (const std::string& failure : record.fit.failures) fmt::print(stderr, "taut: {}\n", failure);
-    fmt::print(stderr,
-               "taut: the simulation failed at the start of the fit; change the start values, or look at the model "
-               "with `taut replay`\n");
-    if (interrupted(options)) return exit_interrupted;
-    folder.forget_resume();  // it would fail again in the same way
-    return exit_solve;
-  }
-  if (record.interrupted && record.fit.covariance.size() == 0) {
-    progress.say("interrupted before the fit had a result; the same command goes on from here");
-    return exit_interrupted;
-  }
-  if (record.interrupted && folder.finished()) {
-    progress.say(fmt::format(
-        "interrupted; the finished run in {} stays as it is, and the same command goes on from here", folder.path()));
-    return exit_interrupted;
-  }
+  say_start(*bench, record, log, progress);
+  record = fit_into(options, *bench, std::move(record), log, folder, progress);
+  if (const auto code = came_to_nothing(options, record, folder, progress)) return *code;
   progress.show("writing " + folder.path());
   const std::string report_failure = write_all(record, folder.next());
   if (record.interrupted) folder.mark_unfinished();
@@ -125,6 +132,25 @@ int fit_command(const CommandOptions& options) {
   if (record.interrupted) progress.say("interrupted: the same command goes on from here");
   progress.say("report: " + (fs::path(folder.path()) / "report.html").string());
   return exit_code(options, record, report_failure);
+}
+
+void add_options(AddOption add, CommandOptions& options) {
+  add_out(add, options);
+  add_threads(add, options);
+  add("no-variants", po::bool_switch(&options.no_variants), "leave out the refits with other meshes");
+  add("fresh", po::bool_switch(&options.fresh), "start anew where an interrupted run would be gone on with");
+}
+
+}  // namespace
+
+Command fit_command() {
+  return {"fit",
+          "EXPERIMENT",
+          "Fits the free parameters to the bench: run folder with report.html, figures, fit.json, predictions.csv.",
+          "  taut fit experiments/silicone_block/experiment.toml\n"
+          "  taut fit experiments/silicone_block/experiment.toml --no-variants --json --out runs/quick\n",
+          add_options,
+          run};
 }
 
 }  // namespace taut

@@ -1,16 +1,16 @@
-#include "experiments/cli/ik_command.hpp"
-
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <boost/program_options.hpp>
+#include <filesystem>
 #include <limits>
 #include <nlohmann/json.hpp>
 
-#include "experiments/cli/progress.hpp"
+#include "calib/data/files.hpp"
 #include "experiments/cli/simulate_command.hpp"
-#include "reports/run_record.hpp"
 #include "reports/simulation_report.hpp"
 #include "sim/core/error.hpp"
+#include "sim/core/numbers.hpp"
 #include "sim/core/units.hpp"
 #include "sim/files/simulation.hpp"
 #include "sim/files/toml_reader.hpp"
@@ -30,14 +30,8 @@ std::string label_of(const Solved& solved, size_t k) {
   return solved.answers.size() == 1 ? solved.target->name : fmt::format("{} {}", solved.target->name, k + 1);
 }
 
-const std::string& unit_of(const Robot& robot, const std::string& channel) {
-  return std::find_if(robot.readings.begin(), robot.readings.end(),
-                      [&](const SceneReading& reading) { return reading.id == channel; })
-      ->unit;
-}
-
-std::string unit_of_control(const Simulation& simulation, size_t k) {
-  return std::string(units_of(simulation.controls[k].quantity).front());
+std::string unit_of(const ControlSettings& control) {
+  return units_of(control.quantity).front();
 }
 
 /// "11.36 mm", "-35.5 deg".
@@ -64,13 +58,13 @@ void print_answer(const Simulation& simulation, const Robot& robot, const Solved
   for (size_t j = 0; j < answer.free.size() && result.controls.size() > 0; ++j) {
     const size_t k = answer.free[j];
     fmt::print("  {:<10} {:>14}{}\n", simulation.controls[k].id,
-               text_of(result.controls[static_cast<Eigen::Index>(j)], unit_of_control(simulation, k)),
+               text_of(result.controls[static_cast<Eigen::Index>(j)], unit_of(simulation.controls[k])),
                result.bound[j] < 0   ? "  (lower bound)"
                : result.bound[j] > 0 ? "  (upper bound)"
                                      : "");
   }
   for (size_t i = 0; i < answer.achieved.size(); ++i) {
-    const std::string& unit = unit_of(robot, answer.channels[i]);
+    const std::string& unit = robot.reading(answer.channels[i]).unit;
     fmt::print("  {:<10} {:>14}  wanted {}\n", answer.channels[i], text_of(answer.achieved[i], unit),
                text_of(answer.wanted[i], unit));
   }
@@ -105,12 +99,13 @@ nlohmann::ordered_json json_of(const Simulation& simulation, const Robot& robot,
     for (size_t j = 0; j < answer.free.size() && result.controls.size() > 0; ++j) {
       one["controls"][simulation.controls[answer.free[j]].id] = {
           {"value", result.controls[static_cast<Eigen::Index>(j)]},
-          {"unit", unit_of_control(simulation, answer.free[j])},
+          {"unit", unit_of(simulation.controls[answer.free[j]])},
           {"bound", result.bound[j]}};
     }
     for (size_t i = 0; i < answer.achieved.size(); ++i) {
-      one["channels"][answer.channels[i]] = {
-          {"wanted", answer.wanted[i]}, {"achieved", answer.achieved[i]}, {"unit", unit_of(robot, answer.channels[i])}};
+      one["channels"][answer.channels[i]] = {{"wanted", answer.wanted[i]},
+                                             {"achieved", answer.achieved[i]},
+                                             {"unit", robot.reading(answer.channels[i]).unit}};
     }
     if (answer.u.size() > 0) one["error_m"] = result.error;
     if (result.stiffness > 0) one["stiffness_N_per_m"] = result.stiffness;
@@ -137,6 +132,20 @@ std::string csv_of(const std::vector<Solved>& all) {
   return csv;
 }
 
+void add_pose(const Robot& robot, const IkAnswer& answer, const std::string& label, SimulationRecord& record) {
+  record.frames.push_back(static_cast<int>(record.samples.size()));
+  record.samples.push_back(static_cast<double>(record.samples.size() + 1));
+  record.states.push_back(answer.u);
+  for (size_t c = 0; c < robot.controls.size(); ++c) record.controls[c].values.push_back(answer.p[robot.controls[c]]);
+  for (size_t c = 0; c < robot.readings.size(); ++c) {
+    const SceneReading& reading = robot.readings[c];
+    record.channels[c].values.push_back(reading.channel ? reading.rest + reading.channel->value({answer.u, answer.p})
+                                                        : not_a_number);
+  }
+  record.facts.emplace_back(fmt::format("pose {}", record.samples.size()),
+                            fmt::format("{}: {}", label, answer.result.message));
+}
+
 /// The poses as the states of a run over the number of the target; what has no state is left out.
 SimulationRecord make_ik_record(const Simulation& simulation, const Robot& robot, const std::vector<Solved>& all,
                                 const CommandOptions& options) {
@@ -145,48 +154,29 @@ SimulationRecord make_ik_record(const Simulation& simulation, const Robot& robot
   record.title += ": poses found for its targets";
   record.sample_name = "pose";
   record.sample_unit = "1";
-  for (const ControlSettings& control : simulation.controls)
-    record.controls.push_back({control.id, std::string(units_of(control.quantity).front()), control.id, {}});
-  for (const SceneReading& reading : robot.readings)
-    record.channels.push_back({reading.id, reading.unit, reading.meaning, {}});
-  double smallest = std::numeric_limits<double>::infinity();
-  int crossing = 0;
   for (const Solved& solved : all) {
     for (size_t k = 0; k < solved.answers.size(); ++k) {
-      const IkAnswer& answer = solved.answers[k];
-      if (answer.u.size() == 0) continue;
-      record.frames.push_back(static_cast<int>(record.samples.size()));
-      record.samples.push_back(static_cast<double>(record.samples.size() + 1));
-      record.states.push_back(answer.u);
-      for (size_t c = 0; c < robot.controls.size(); ++c)
-        record.controls[c].values.push_back(answer.p[robot.controls[c]]);
-      for (size_t c = 0; c < robot.readings.size(); ++c) {
-        const SceneReading& reading = robot.readings[c];
-        record.channels[c].values.push_back(reading.channel
-                                                ? reading.rest + reading.channel->value({answer.u, answer.p})
-                                                : std::numeric_limits<double>::quiet_NaN());
-      }
-      smallest = std::min(smallest, smallest_jacobian(record.mesh, answer.u));
-      if (robot.intersects && robot.intersects(answer.u)) ++crossing;
-      record.facts.emplace_back(fmt::format("pose {}", record.samples.size()),
-                                fmt::format("{}: {}", label_of(solved, k), answer.result.message));
+      if (solved.answers[k].u.size() > 0) add_pose(robot, solved.answers[k], label_of(solved, k), record);
     }
   }
-  record.facts.emplace_back("inverted elements", smallest > 0 ? fmt::format("none; smallest J = {:.3g}", smallest)
-                                                              : fmt::format("YES: smallest J = {:.3g}", smallest));
-  if (robot.intersects)
-    record.facts.emplace_back("intersections", crossing > 0 ? fmt::format("YES: in {} poses", crossing)
-                                                            : "none, by an exact test afterwards");
+  double smallest = std::numeric_limits<double>::infinity();
+  for (const Eigen::VectorXd& u : record.states) smallest = std::min(smallest, smallest_jacobian(record.mesh, u));
+  record.facts.emplace_back("inverted elements",
+                            fmt::format("{} smallest J = {:.3g}", smallest > 0 ? "none;" : "YES:", smallest));
+  if (!robot.intersects) return record;
+  const auto crossing = std::count_if(record.states.begin(), record.states.end(), robot.intersects);
+  record.facts.emplace_back(
+      "intersections", crossing > 0 ? fmt::format("YES: in {} poses", crossing) : "none, by an exact test afterwards");
   return record;
 }
 
-}  // namespace
+[[noreturn]] void refuse(const CommandOptions& options, const std::string& why) {
+  throw InputError(fmt::format("{}: {}", options.target, why));
+}
 
-int ik_command(const CommandOptions& options) {
-  const auto refuse = [&](const std::string& why) { throw InputError(fmt::format("{}: {}", options.target, why)); };
-  if (!is_simulation(options.target)) refuse("there is no [simulation]; `taut ik` is for robots");
-  const Simulation simulation = read_simulation(options.target);
-  if (!simulation.ik) refuse("there is no [ik]; add [ik.control.ID] with bounds and [[ik.target]]");
+/// All targets, or the one that is asked for.
+std::vector<const IkTarget*> targets_of(const CommandOptions& options, const Simulation& simulation) {
+  if (!simulation.ik) refuse(options, "there is no [ik]; add [ik.control.ID] with bounds and [[ik.target]]");
   std::vector<const IkTarget*> targets;
   std::vector<std::string> names;
   for (const IkTarget& target : simulation.ik->targets) {
@@ -194,19 +184,36 @@ int ik_command(const CommandOptions& options) {
     if (options.name.empty() || target.name == options.name) targets.push_back(&target);
   }
   if (targets.empty())
-    refuse(fmt::format("there is no target '{}'{}; targets: {}", options.name, did_you_mean(options.name, names),
-                       join(names)));
+    refuse(options, fmt::format("there is no target '{}'{}; targets: {}", options.name,
+                                did_you_mean(options.name, names), join(names)));
+  return targets;
+}
+
+/// The poses go to the run folder; where a simulation of the robot stands there, beside it.
+std::string ik_folder(const CommandOptions& options) {
+  const std::filesystem::path folder = run_folder(options);
+  const bool simulated = exists(folder / "animation.html") && !exists(folder / "ik.csv");
+  return (simulated ? folder / "ik" : folder).string();
+}
+
+/// Solves the targets and paths of [ik], one after the other: a table on stdout; ik.csv, states, a strip of the poses
+/// and report.html in a run folder. Exit code 3 when a search failed; a target out of reach is an answer.
+int run(const CommandOptions& options) {
+  if (!is_simulation(options.target)) refuse(options, "there is no [simulation]; `taut ik` is for robots");
+  const Simulation simulation = read_simulation(options.target);
+  const std::vector<const IkTarget*> targets = targets_of(options, simulation);
   Progress progress(options.quiet);
   const Robot robot = make_robot(simulation);
+  RunFolder folder(ik_folder(options), RunFolder::Kind::simulation);
   std::vector<Solved> all;
   bool failed = false;
   for (const IkTarget* target : targets) {
-    if (options.stop != nullptr && options.stop->load()) break;
+    if (options.interrupted()) break;
     progress.show(fmt::format("target {}", target->name));
     all.push_back({target, solve_target(simulation, robot, *target, options.stop)});
     for (const IkAnswer& answer : all.back().answers) failed = failed || answer.result.status == IkStatus::failed;
   }
-  const bool interrupted = options.stop != nullptr && options.stop->load();
+  const bool stopped = options.interrupted();
   if (options.json) {
     nlohmann::ordered_json json;
     json["title"] = simulation.title;
@@ -217,15 +224,33 @@ int ik_command(const CommandOptions& options) {
     fmt::print("{} (inverse kinematics of a simulation)\n", simulation.title);
     for (const Solved& solved : all) is_path(solved) ? print_path(solved) : print_answer(simulation, robot, solved);
   }
-  const std::string folder = run_folder(options);
   const SimulationRecord record = make_ik_record(simulation, robot, all, options);
-  if (!record.samples.empty()) {
-    write_simulation(record, folder);
-    write_file(folder + "/ik.csv", csv_of(all));
-    progress.say(fmt::format("report: {}/report.html", folder));
+  if (stopped && folder.finished()) {
+    progress.say(fmt::format("interrupted; the finished run in {} stays as it is", folder.path()));
+  } else if (!record.samples.empty()) {
+    write_file(folder.next() + "/ik.csv", csv_of(all));
+    publish(record, folder, stopped);
+    progress.say(fmt::format("report: {}/report.html", folder.path()));
   }
-  if (interrupted) return exit_interrupted;
+  if (stopped) return exit_interrupted;
   return failed ? exit_solve : exit_ok;
+}
+
+void add_options(AddOption add, CommandOptions& options) {
+  add_out(add, options);
+  add("target", boost::program_options::value(&options.name)->value_name("NAME"), "this target or path alone");
+}
+
+}  // namespace
+
+Command ik_command() {
+  return {"ik",
+          "SIMULATION",
+          "Finds the controls that bring a robot to the targets of its file, within their bounds.",
+          "  taut ik experiments/arm/experiment.toml\n"
+          "  taut ik experiments/arm/experiment.toml --target circle --json\n",
+          add_options,
+          run};
 }
 
 }  // namespace taut

@@ -73,6 +73,14 @@ void print_variant(const RunRecord& record, const VariantRecord& variant) {
 
 }  // namespace
 
+void print_failures(const std::vector<std::string>& failures) {
+  for (const std::string& failure : failures) fmt::print(stderr, "taut: {}\n", failure);
+}
+
+std::string key(const std::string& name, const RunRecord& record, const std::string& channel) {
+  return name + "_" + column_suffix(channel_axis(record, channel).unit);
+}
+
 void print_readings(const RunRecord& record) {
   fmt::print("{:>5}  {:<12} {:<14} {:<28} {:>11} {:>11} {:>9} {:>8}\n", "line", "trial", "channel", "controls",
              "measured", "predicted", "residual", "/sigma");

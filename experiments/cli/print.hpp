@@ -1,12 +1,17 @@
 #pragma once
+#include <string>
 #include <vector>
 
 #include "calib/benches/bench.hpp"
 #include "calib/runs/run_record.hpp"
 
-// What commands say on stdout, for people.
+// What commands say, for people.
 namespace taut {
 
+/// Sentences about simulations that failed, on stderr.
+void print_failures(const std::vector<std::string>& failures);
+/// "measured_m": a key of JSON with the SI unit of a channel.
+std::string key(const std::string& name, const RunRecord& record, const std::string& channel);
 /// Readings beside predictions.
 void print_readings(const RunRecord& record);
 /// Frequencies and decays of recordings.

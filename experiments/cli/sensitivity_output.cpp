@@ -6,6 +6,7 @@
 #include <numeric>
 #include <sstream>
 
+#include "reports/axes.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/units.hpp"
 
@@ -50,27 +51,44 @@ SimulationSensitivities::Goal goal_of(const std::string& text, const Simulation&
   return goal;
 }
 
-const ParameterSpec& spec_of(const Robot& robot, const SimulationSensitivities& wanted, size_t j) {
-  return robot.scene.model->parameters()[wanted.parameters[j]];
-}
-
-/// "m/(N/m)" to "m_per_N_per_m".
-std::string as_suffix(const std::string& unit) {
-  std::string suffix;
-  for (const char c : unit) {
-    if (c == '/') suffix += "_per_";
-    if (c != '/' && c != '(' && c != ')') suffix += c;
-  }
-  return suffix;
-}
-
-}  // namespace
-
+/// "m/Pa", "m/(N/m)": a channel's SI unit over a parameter's, "1" where nothing is left.
 std::string derivative_unit(const std::string& channel, const std::string& parameter) {
   if (channel == parameter) return "1";
   if (parameter == "1") return channel;
   return channel + "/" + (parameter.find('/') == std::string::npos ? parameter : "(" + parameter + ")");
 }
+
+/// "m/(N/m)" to "m_per_N_per_m".
+std::string as_suffix(std::string unit) {
+  std::erase_if(unit, [](char c) { return c == '(' || c == ')'; });
+  return column_suffix(unit);
+}
+
+/// A derivative that was asked for: of which channel, with respect to which parameter.
+struct Derivative {
+  Eigen::Index row, column;  ///< in SimulationResult::derivatives
+  const SceneReading* channel;
+  const ParameterSpec* parameter;
+  std::string unit;
+};
+
+/// Of all channels, or of one.
+std::vector<Derivative> asked_for(const Robot& robot, const SimulationSensitivities& wanted,
+                                  std::optional<size_t> one = {}) {
+  std::vector<Derivative> list;
+  for (size_t k = 0; k < robot.readings.size(); ++k) {
+    if (one.value_or(k) != k) continue;
+    for (size_t j = 0; j < wanted.parameters.size(); ++j) {
+      const SceneReading& channel = robot.readings[k];
+      const ParameterSpec& parameter = robot.scene.model->parameters()[wanted.parameters[j]];
+      list.push_back({static_cast<Eigen::Index>(k), static_cast<Eigen::Index>(j), &channel, &parameter,
+                      derivative_unit(channel.unit, parameter.unit)});
+    }
+  }
+  return list;
+}
+
+}  // namespace
 
 SimulationSensitivities read_sensitivities(const CommandOptions& options, const Simulation& simulation,
                                            const Robot& robot) {
@@ -88,18 +106,12 @@ SimulationSensitivities read_sensitivities(const CommandOptions& options, const 
 std::string sensitivities_csv(const Robot& robot, const SimulationSensitivities& wanted,
                               const SimulationResult& result) {
   std::string text = "time_s";
-  for (const SceneReading& reading : robot.readings) {
-    for (size_t j = 0; j < wanted.parameters.size(); ++j) {
-      const ParameterSpec& spec = spec_of(robot, wanted, j);
-      text += fmt::format(",d_{}_d_{}_{}", reading.id, spec.id, as_suffix(derivative_unit(reading.unit, spec.unit)));
-    }
-  }
+  for (const Derivative& d : asked_for(robot, wanted))
+    text += fmt::format(",d_{}_d_{}_{}", d.channel->id, d.parameter->id, as_suffix(d.unit));
   text += "\n";
   for (size_t i = 0; i < result.derivatives.size(); ++i) {
     text += fmt::format("{}", result.times[i]);
-    for (Eigen::Index k = 0; k < result.derivatives[i].rows(); ++k) {
-      for (const double value : result.derivatives[i].row(k)) text += fmt::format(",{}", value);
-    }
+    for (const double value : result.derivatives[i].reshaped<Eigen::RowMajor>()) text += fmt::format(",{}", value);
     text += "\n";
   }
   return text;
@@ -111,48 +123,41 @@ void add_sensitivities(const Simulation& simulation, const Robot& robot, const S
     nlohmann::ordered_json& out = json["sensitivities"];
     out["time_s"] = std::vector<double>(result.times.begin(),
                                         result.times.begin() + static_cast<std::ptrdiff_t>(result.derivatives.size()));
-    for (size_t k = 0; k < robot.readings.size(); ++k) {
-      for (size_t j = 0; j < wanted.parameters.size(); ++j) {
-        const ParameterSpec& spec = spec_of(robot, wanted, j);
-        std::vector<double> values;
-        for (const Eigen::MatrixXd& dy : result.derivatives)
-          values.push_back(dy(static_cast<Eigen::Index>(k), static_cast<Eigen::Index>(j)));
-        out["channels"][robot.readings[k].id][spec.id] = {{"unit", derivative_unit(robot.readings[k].unit, spec.unit)},
-                                                          {"values", values}};
-      }
+    for (const Derivative& d : asked_for(robot, wanted)) {
+      std::vector<double> values;
+      for (const Eigen::MatrixXd& dy : result.derivatives) values.push_back(dy(d.row, d.column));
+      out["channels"][d.channel->id][d.parameter->id] = {{"unit", d.unit}, {"values", values}};
     }
   }
   if (!result.goal_sample) return;
-  const SceneReading& reading = robot.readings[wanted.goal->reading];
+  const size_t goal = wanted.goal->reading;
   const double t = result.times[*result.goal_sample];
   const Params p = robot.at(simulation, t);
   nlohmann::ordered_json& out = json["goal"];
-  out = {{"channel", reading.id},
+  out = {{"channel", robot.readings[goal].id},
          {"time_s", t},
-         {"unit", reading.unit},
-         {"value", result.readings[wanted.goal->reading][*result.goal_sample]}};
-  for (size_t j = 0; j < wanted.parameters.size(); ++j) {
-    const ParameterSpec& spec = spec_of(robot, wanted, j);
-    out["gradient"][spec.id] = {{"parameter", p[wanted.parameters[j]]},
-                                {"derivative", result.goal_gradient[static_cast<Eigen::Index>(j)]},
-                                {"unit", derivative_unit(reading.unit, spec.unit)}};
-  }
+         {"unit", robot.readings[goal].unit},
+         {"value", result.readings[goal][*result.goal_sample]}};
+  for (const Derivative& d : asked_for(robot, wanted, goal))
+    out["gradient"][d.parameter->id] = {{"parameter", p[wanted.parameters[static_cast<size_t>(d.column)]]},
+                                        {"derivative", result.goal_gradient[d.column]},
+                                        {"unit", d.unit}};
 }
 
 std::string goal_table(const Simulation& simulation, const Robot& robot, const SimulationSensitivities& wanted,
                        const SimulationResult& result) {
   if (!result.goal_sample) return "";
-  const SceneReading& reading = robot.readings[wanted.goal->reading];
+  const size_t goal = wanted.goal->reading;
+  const std::string& unit = robot.readings[goal].unit;
   const double t = result.times[*result.goal_sample];
   const Params p = robot.at(simulation, t);
-  std::string text = fmt::format("gradient of {} = {} at {}\n{:<26} {:>14} {:>14} {:<12} {:>14}\n", reading.id,
-                                 with_unit(result.readings[wanted.goal->reading][*result.goal_sample], reading.unit),
+  std::string text = fmt::format("gradient of {} = {} at {}\n{:<26} {:>14} {:>14} {:<12} {:>14}\n",
+                                 robot.readings[goal].id, with_unit(result.readings[goal][*result.goal_sample], unit),
                                  with_unit(t, "s"), "parameter", "value", "derivative", "unit", "of one percent");
-  for (size_t j = 0; j < wanted.parameters.size(); ++j) {
-    const ParameterSpec& spec = spec_of(robot, wanted, j);
-    const double value = p[wanted.parameters[j]], slope = result.goal_gradient[static_cast<Eigen::Index>(j)];
-    text += fmt::format("{:<26} {:>14} {:>14.6g} {:<12} {:>14}\n", spec.id, with_unit(value, spec.unit), slope,
-                        derivative_unit(reading.unit, spec.unit), with_unit(0.01 * value * slope, reading.unit));
+  for (const Derivative& d : asked_for(robot, wanted, goal)) {
+    const double value = p[wanted.parameters[static_cast<size_t>(d.column)]], slope = result.goal_gradient[d.column];
+    text += fmt::format("{:<26} {:>14} {:>14.6g} {:<12} {:>14}\n", d.parameter->id, with_unit(value, d.parameter->unit),
+                        slope, d.unit, with_unit(0.01 * value * slope, unit));
   }
   return text;
 }

@@ -12,9 +12,6 @@ namespace taut {
 SimulationSensitivities read_sensitivities(const CommandOptions& options, const Simulation& simulation,
                                            const Robot& robot);
 
-/// "m/Pa", "m/(N/m)": a channel's SI unit over a parameter's, "1" where nothing is left.
-std::string derivative_unit(const std::string& channel, const std::string& parameter);
-
 /// One line per time: time_s, then d_CHANNEL_d_PARAMETER of each channel with respect to each parameter, in SI; the
 /// unit ends the header, as parse_header() reads it ("m_per_Pa").
 std::string sensitivities_csv(const Robot& robot, const SimulationSensitivities& wanted,

@@ -3,14 +3,13 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <boost/program_options.hpp>
 #include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "calib/data/files.hpp"
-#include "calib/data/run_folder.hpp"
-#include "experiments/cli/progress.hpp"
+#include "experiments/cli/provenance.hpp"
 #include "experiments/cli/sensitivity_output.hpp"
-#include "experiments/cli/version.hpp"
 #include "reports/run_record.hpp"
 #include "reports/simulation_report.hpp"
 #include "sim/core/error.hpp"
@@ -19,6 +18,8 @@
 
 namespace taut {
 namespace {
+
+namespace po = boost::program_options;
 
 std::string integrator_text(const Simulation& simulation) {
   const std::string steps = simulation.tolerance > 0
@@ -44,80 +45,62 @@ std::string integrator_text(const Simulation& simulation) {
   return "";
 }
 
-/// What an independent test says of all accepted states, and what a run took, as label and text.
-std::vector<std::pair<std::string, std::string>> facts_of(const Simulation& simulation, const Robot& robot,
-                                                          const SimulationResult& result) {
-  std::vector<std::pair<std::string, std::string>> facts;
-  facts.reserve(16);  // else GCC 12 sees a write beyond the end, inlined, where there is none
+/// What an independent test says of all accepted states, and what a run took.
+void add_facts(const Simulation& simulation, const Robot& robot, const SimulationResult& result,
+               SimulationRecord& record) {
+  const auto add = [&](const char* label, const std::string& text) { record.facts.emplace_back(label, text); };
   const Mesh& mesh = robot.scene.model->mesh();
-  facts.emplace_back(
-      "model", fmt::format("{} bodies, {} {} elements, {} unknowns", mesh.parts.size(), mesh.element_count(),
+  const size_t states = result.states.size();
+  add("model", fmt::format("{} bodies, {} {} elements, {} unknowns", mesh.parts.size(), mesh.element_count(),
                            order_of(mesh.shape) == 1 ? "linear" : "quadratic", robot.scene.model->free_unknowns()));
-  facts.emplace_back("time integration", integrator_text(simulation));
-  facts.emplace_back(
-      "took", fmt::format("{:.3g} s for {}: {} steps, {} repeated, {} Newton iterations, {} factorisations",
-                          result.seconds, with_unit(result.times.empty() ? 0 : result.times.back(), "s"), result.steps,
-                          result.repeated, result.iterations, result.factorisations));
-  if (!result.failure.empty()) facts.emplace_back("ended early", result.failure);
+  add("time integration", integrator_text(simulation));
+  add("took", fmt::format("{:.3g} s for {}: {} steps, {} repeated, {} Newton iterations, {} factorisations",
+                          result.seconds, with_unit(result.times.back(), "s"), result.steps, result.repeated,
+                          result.iterations, result.factorisations));
+  if (!result.failure.empty()) add("ended early", result.failure);
   if (result.saddles_left > 0)
-    facts.emplace_back("buckling",
-                       fmt::format("{} equilibria were reached by leaving an unstable one", result.saddles_left));
-  facts.emplace_back("inverted elements", result.smallest_jacobian > 0
-                                              ? fmt::format("none in {} states; smallest J = {:.3g}",
-                                                            result.states.size(), result.smallest_jacobian)
-                                              : fmt::format("YES: smallest J = {:.3g}", result.smallest_jacobian));
-  if (robot.intersects) {
-    facts.emplace_back(
-        "intersections",
-        result.intersecting > 0
-            ? fmt::format("YES: in {} of {} states", result.intersecting, result.states.size())
-            : fmt::format("none in {} states, by an exact test afterwards; smallest distance {}", result.states.size(),
-                          std::isfinite(result.smallest_distance) ? with_unit(result.smallest_distance, "m")
-                                                                  : "over " + with_unit(0.01 * mesh.diagonal(), "m")));
+    add("buckling", fmt::format("{} equilibria were reached by leaving an unstable one", result.saddles_left));
+  add("inverted elements", result.smallest_jacobian > 0
+                               ? fmt::format("none in {} states; smallest J = {:.3g}", states, result.smallest_jacobian)
+                               : fmt::format("YES: smallest J = {:.3g}", result.smallest_jacobian));
+  if (robot.intersects && result.intersecting > 0) {
+    add("intersections", fmt::format("YES: in {} of {} states", result.intersecting, states));
+  } else if (robot.intersects) {
+    const bool near = std::isfinite(result.smallest_distance);
+    add("intersections",
+        fmt::format("none in {} states, by an exact test afterwards; smallest distance {}", states,
+                    (near ? "" : "over ") + with_unit(near ? result.smallest_distance : 0.01 * mesh.diagonal(), "m")));
   }
-  if (!robot.joints.empty()) {
-    facts.emplace_back("joints",
-                       fmt::format("largest gap {}, largest motor error {:.3g} deg",
-                                   with_unit(result.largest_joint_gap, "m"), result.largest_motor_error * 180 / M_PI));
-  }
-  return facts;
+  if (!robot.joints.empty())
+    add("joints", fmt::format("largest gap {}, largest motor error {:.3g} deg",
+                              with_unit(result.largest_joint_gap, "m"), result.largest_motor_error * 180 / M_PI));
 }
 
-Series series_of(const std::string& id, const std::string& unit, const std::string& meaning,
-                 const std::vector<double>& values) {
-  return {id, unit, meaning, values};
+/// Frames evenly over time; steps need not be even.
+void add_frames(int count, const SimulationResult& result, SimulationRecord& record) {
+  const int frames = std::min(count, static_cast<int>(result.times.size()));
+  for (int i = 0; i < frames; ++i) {
+    const double t = result.times.back() * i / std::max(1, frames - 1);
+    const auto at = std::lower_bound(result.times.begin(), result.times.end(), t - 1e-12) - result.times.begin();
+    if (!record.frames.empty() && record.frames.back() >= at) continue;
+    record.frames.push_back(static_cast<int>(at));
+    record.states.push_back(result.states[static_cast<size_t>(at)]);
+  }
 }
 
 SimulationRecord make_record(const Simulation& simulation, const Robot& robot, const SimulationResult& result,
                              const CommandOptions& options) {
   SimulationRecord record = start_simulation_record(simulation, robot, options);
   record.samples = result.times;
-  for (size_t k = 0; k < robot.controls.size(); ++k) {
-    const ControlSettings& control = simulation.controls[k];
-    record.controls.push_back(
-        series_of(control.id, units_of(control.quantity).front(), control.id, result.controls[k]));
-  }
-  for (size_t k = 0; k < robot.readings.size(); ++k) {
-    const SceneReading& reading = robot.readings[k];
-    record.channels.push_back(series_of(reading.id, reading.unit, reading.meaning, result.readings[k]));
-  }
+  for (size_t k = 0; k < record.controls.size(); ++k) record.controls[k].values = result.controls[k];
+  for (size_t k = 0; k < record.channels.size(); ++k) record.channels[k].values = result.readings[k];
   if (simulation.method != SimulationMethod::quasi_static) {
-    record.channels.push_back(series_of("kinetic_energy", "J", "kinetic energy", result.kinetic));
-    record.channels.push_back(series_of("potential_energy", "J", "potential energy", result.potential));
+    record.channels.push_back({"kinetic_energy", "J", "kinetic energy", result.kinetic});
+    record.channels.push_back({"potential_energy", "J", "potential energy", result.potential});
   }
-  const int samples = static_cast<int>(result.times.size());
-  const int frames = std::min(simulation.frames, samples);
-  for (int i = 0; i < frames; ++i) {
-    // Evenly over time; steps need not be even.
-    const double t = result.times.back() * i / std::max(1, frames - 1);
-    const auto at = std::lower_bound(result.times.begin(), result.times.end(), t - 1e-12);
-    const int sample = static_cast<int>(at - result.times.begin());
-    if (!record.frames.empty() && record.frames.back() >= sample) continue;
-    record.frames.push_back(sample);
-    record.states.push_back(result.states[static_cast<size_t>(sample)]);
-  }
+  add_frames(simulation.frames, result, record);
   for (const RobotPlot& plot : simulation.plots) record.plots.push_back({plot.id, plot.title, plot.x, plot.y});
-  record.facts = facts_of(simulation, robot, result);
+  add_facts(simulation, robot, result, record);
   return record;
 }
 
@@ -153,7 +136,7 @@ void add_workspaces(const Simulation& simulation, const Robot& robot, const Comm
                     SimulationRecord& record) {
   for (const WorkspaceMode& mode : simulation.workspace->modes) {
     progress.say(fmt::format("workspace of mode {}", mode.name));
-    if (options.stop != nullptr && options.stop->load()) break;
+    if (options.interrupted()) break;
     const WorkspaceResult reached = sample_workspace(simulation, robot, mode, options.stop);
     if (reached.failures > 0)
       record.facts.emplace_back("workspace " + mode.name,
@@ -163,14 +146,74 @@ void add_workspaces(const Simulation& simulation, const Robot& robot, const Comm
 }
 
 /// What was asked for besides the run, as facts.
-void add_facts(const Robot& robot, const SimulationSensitivities& wanted, const SimulationResult& result,
-               SimulationRecord& record) {
+void add_sensitivity_facts(const Robot& robot, const SimulationSensitivities& wanted, const SimulationResult& result,
+                           SimulationRecord& record) {
   if (wanted.all_readings)
     record.facts.emplace_back("sensitivities",
                               fmt::format("of {} channels with respect to {} parameters at {} times: sensitivities.csv",
                                           robot.readings.size(), wanted.parameters.size(), result.derivatives.size()));
   if (wanted.goal && !result.goal_sample)
     record.facts.emplace_back("gradient", "none: the run ended before the goal's time");
+}
+
+/// Runs a simulation file: states as VTU, channels as CSV, figures, a strip, an animation and report.html in a run
+/// folder; a summary on stdout.
+int run(const CommandOptions& options) {
+  if (!is_simulation(options.target))
+    throw InputError(
+        fmt::format("{}: this is an experiment with a bench, not a simulation (there is no [simulation]); "
+                    "use `taut replay` or `taut fit`",
+                    options.target));
+  const Simulation simulation = read_simulation(options.target);
+  Progress progress(options.quiet);
+  const Robot robot = make_robot(simulation);
+  RunFolder folder(run_folder(options), RunFolder::Kind::simulation);
+  progress.say(fmt::format("{}: {} unknowns", simulation.title, robot.scene.model->free_unknowns()));
+  SimulateOptions simulate_options;
+  simulate_options.stop = options.stop;
+  simulate_options.sensitivities = read_sensitivities(options, simulation, robot);
+  simulate_options.progress = [&](double t, const SimulationResult& so_far) {
+    progress.show(
+        fmt::format("{} of {}, {} steps", with_unit(t, "s"), with_unit(simulation.duration, "s"), so_far.steps));
+  };
+  const SimulationResult result = simulate(simulation, robot, simulate_options);
+  if (result.times.empty()) {
+    fmt::print(stderr, "taut: {}: {}\n", simulation.path, result.failure);
+    return result.interrupted ? exit_interrupted : exit_solve;
+  }
+  SimulationRecord record = make_record(simulation, robot, result, options);
+  const SimulationSensitivities& wanted = simulate_options.sensitivities;
+  add_sensitivity_facts(robot, wanted, result, record);
+  if (simulation.workspace && result.failure.empty()) add_workspaces(simulation, robot, options, progress, record);
+  const bool stopped = result.interrupted || options.interrupted();
+  if (stopped && folder.finished()) {
+    progress.say(fmt::format("interrupted; the finished run in {} stays as it is", folder.path()));
+    return exit_interrupted;
+  }
+  if (wanted.all_readings) write_file(folder.next() + "/sensitivities.csv", sensitivities_csv(robot, wanted, result));
+  publish(record, folder, stopped);
+  if (options.json) {
+    nlohmann::ordered_json json = summary_json(record);
+    add_sensitivities(simulation, robot, wanted, result, json);
+    fmt::print("{}\n", json.dump(2));
+  } else {
+    print_summary(record);
+    fmt::print("{}", goal_table(simulation, robot, wanted, result));
+  }
+  progress.say(fmt::format("report: {}/report.html", folder.path()));
+  if (stopped) return exit_interrupted;
+  const bool unsound = result.smallest_jacobian <= 0 || result.intersecting > 0;
+  return result.failure.empty() && !unsound ? exit_ok : exit_solve;
+}
+
+void add_options(AddOption add, CommandOptions& options) {
+  add_out(add, options);
+  add("sensitivities", po::bool_switch(&options.sensitivities),
+      "derivatives of all channels at every time with respect to parameters and controls: sensitivities.csv");
+  add("goal", po::value(&options.goal)->value_name("CHANNEL[@TIME]"),
+      "gradient of this channel at the end, or at a time (tip_x@\"20 ms\")");
+  add("wrt", po::value(&options.wrt)->value_name("ID,ID,..."),
+      "parameters of both; default: all. A control counts as an offset of its whole schedule");
 }
 
 }  // namespace
@@ -188,6 +231,10 @@ SimulationRecord start_simulation_record(const Simulation& simulation, const Rob
     record.obstacles.emplace_back(line.begin(), line.end());
   for (const GroundSettings& ground : simulation.contact.grounds)
     record.grounds.emplace_back(ground.point, ground.normal);
+  for (const ControlSettings& control : simulation.controls)
+    record.controls.push_back({control.id, units_of(control.quantity).front(), control.id, {}});
+  for (const SceneReading& reading : robot.readings)
+    record.channels.push_back({reading.id, reading.unit, reading.meaning, {}});
   record.command_line = options.command_line;
   record.version = fmt::format("{} ({})", version(), commit());
   record.experiment_text = read_file(simulation.path);
@@ -224,8 +271,8 @@ int check_simulation(const CommandOptions& options) {
   return exit_ok;
 }
 
-/// Writes what a simulation left; where its figures fail, all else takes its place first.
-static void publish(const SimulationRecord& record, RunFolder& folder) {
+void publish(const SimulationRecord& record, RunFolder& folder, bool stopped) {
+  if (stopped) folder.mark_unfinished();
   try {
     write_simulation(record, folder.next());
   } catch (const InputError&) {
@@ -235,53 +282,14 @@ static void publish(const SimulationRecord& record, RunFolder& folder) {
   folder.publish();
 }
 
-int simulate_command(const CommandOptions& options) {
-  if (!is_simulation(options.target))
-    throw InputError(
-        fmt::format("{}: this is an experiment with a bench, not a simulation (there is no [simulation]); "
-                    "use `taut replay` or `taut fit`",
-                    options.target));
-  const Simulation simulation = read_simulation(options.target);
-  Progress progress(options.quiet);
-  const Robot robot = make_robot(simulation);
-  RunFolder folder(run_folder(options), RunFolder::Kind::simulation);
-  progress.say(fmt::format("{}: {} unknowns", simulation.title, robot.scene.model->free_unknowns()));
-  SimulateOptions simulate_options;
-  simulate_options.stop = options.stop;
-  simulate_options.sensitivities = read_sensitivities(options, simulation, robot);
-  simulate_options.progress = [&](double t, const SimulationResult& so_far) {
-    progress.show(
-        fmt::format("{} of {}, {} steps", with_unit(t, "s"), with_unit(simulation.duration, "s"), so_far.steps));
-  };
-  const SimulationResult result = simulate(simulation, robot, simulate_options);
-  if (result.times.empty()) {
-    fmt::print(stderr, "taut: {}: {}\n", simulation.path, result.failure);
-    return result.interrupted ? exit_interrupted : exit_solve;
-  }
-  SimulationRecord record = make_record(simulation, robot, result, options);
-  const SimulationSensitivities& wanted = simulate_options.sensitivities;
-  add_facts(robot, wanted, result, record);
-  if (simulation.workspace && result.failure.empty()) add_workspaces(simulation, robot, options, progress, record);
-  const bool stopped = result.interrupted || interrupted(options);
-  if (stopped && folder.finished()) {
-    progress.say(fmt::format("interrupted; the finished run in {} stays as it is", folder.path()));
-    return exit_interrupted;
-  }
-  if (wanted.all_readings) write_file(folder.next() + "/sensitivities.csv", sensitivities_csv(robot, wanted, result));
-  if (stopped) folder.mark_unfinished();
-  publish(record, folder);
-  if (options.json) {
-    nlohmann::ordered_json json = summary_json(record);
-    add_sensitivities(simulation, robot, wanted, result, json);
-    fmt::print("{}\n", json.dump(2));
-  } else {
-    print_summary(record);
-    fmt::print("{}", goal_table(simulation, robot, wanted, result));
-  }
-  progress.say(fmt::format("report: {}/report.html", folder.path()));
-  if (stopped) return exit_interrupted;
-  const bool unsound = result.smallest_jacobian <= 0 || result.intersecting > 0;
-  return result.failure.empty() && !unsound ? exit_ok : exit_solve;
+Command simulate_command() {
+  return {"simulate",
+          "SIMULATION",
+          "Runs a simulation over time or through equilibria: states, plots, animation and report.",
+          "  taut simulate experiments/ball_impact/experiment.toml\n"
+          "  taut simulate experiments/finger_bend/experiment.toml --goal tip_angle --json\n",
+          add_options,
+          run};
 }
 
 }  // namespace taut

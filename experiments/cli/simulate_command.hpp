@@ -1,17 +1,20 @@
 #pragma once
+#include "calib/data/run_folder.hpp"
 #include "experiments/cli/commands.hpp"
 #include "reports/simulation_record.hpp"
 #include "sim/robots/robot.hpp"
 
+// What commands on simulations share.
 namespace taut {
 
-/// Runs a simulation file: states as VTU, channels as CSV, figures, a strip, an animation and report.html in a run
-/// folder; a summary on stdout.
-int simulate_command(const CommandOptions& options);
-
-/// What a record knows before anything is solved: mesh, cables, obstacles, where it comes from.
+/// What a record knows before anything is solved: mesh, cables, obstacles, controls and channels without values, where
+/// it comes from.
 SimulationRecord start_simulation_record(const Simulation& simulation, const Robot& robot,
                                          const CommandOptions& options);
+
+/// Writes a record, and puts it with what else stands in folder.next() in the old run's place; where its figures fail,
+/// all else takes its place first. `stopped`: parts are missing.
+void publish(const SimulationRecord& record, RunFolder& folder, bool stopped);
 
 /// Reads a simulation file and builds its scene, says what it understood; solves nothing.
 int check_simulation(const CommandOptions& options);

@@ -9,68 +9,61 @@
 namespace taut {
 namespace {
 
-/// Yes or no for each of the cells of a rectangle; no outside it.
-struct Cells {
-  int columns, rows;
-  std::vector<char> set;
+/// Yes or no for each of the cells of a rectangle, (columns x rows).
+using Cells = Eigen::Array<bool, Eigen::Dynamic, Eigen::Dynamic>;
 
-  bool at(int i, int j) const {
-    return i >= 0 && j >= 0 && i < columns && j < rows && set[static_cast<size_t>(j * columns + i)] != 0;
-  }
-  char& operator()(int i, int j) { return set[static_cast<size_t>(j * columns + i)]; }
-};
+/// No outside the rectangle.
+bool at(const Cells& cells, int i, int j) {
+  return i >= 0 && j >= 0 && i < cells.rows() && j < cells.cols() && cells(i, j);
+}
 
 /// Cells within `radius` cells of a set one.
 Cells grown(const Cells& cells, double radius) {
-  Cells out{cells.columns, cells.rows, std::vector<char>(cells.set.size(), 0)};
-  const int reach = static_cast<int>(radius);
-  for (int j = 0; j < cells.rows; ++j) {
-    for (int i = 0; i < cells.columns; ++i) {
-      if (!cells.at(i, j)) continue;
-      for (int dj = -reach; dj <= reach; ++dj) {
-        const int width = static_cast<int>(std::sqrt(radius * radius - dj * dj));
-        if (j + dj < 0 || j + dj >= cells.rows) continue;
-        for (int k = std::max(0, i - width); k <= std::min(cells.columns - 1, i + width); ++k) out(k, j + dj) = 1;
+  const int reach = static_cast<int>(radius), columns = static_cast<int>(cells.rows());
+  Cells out = Cells::Constant(cells.rows(), cells.cols(), false);
+  for (int j = 0; j < cells.cols(); ++j) {
+    for (int i = 0; i < columns; ++i) {
+      if (!cells(i, j)) continue;
+      for (int l = std::max(0, j - reach); l <= j + reach && l < cells.cols(); ++l) {
+        const int width = static_cast<int>(std::sqrt(radius * radius - (l - j) * (l - j)));
+        const int first = std::max(0, i - width), last = std::min(columns - 1, i + width);
+        out.col(l).segment(first, last - first + 1) = true;
       }
     }
   }
   return out;
 }
 
-void invert(Cells& cells) {
-  for (char& one : cells.set) one = one == 0;
-}
-
-/// The largest part whose cells share sides, and its number of cells.
-int keep_largest(Cells& cells) {
-  std::vector<int> part(cells.set.size(), 0), sizes{0};
-  for (int start = 0; start < static_cast<int>(cells.set.size()); ++start) {
-    if (cells.set[static_cast<size_t>(start)] == 0 || part[static_cast<size_t>(start)] != 0) continue;
-    const int name = static_cast<int>(sizes.size());
-    sizes.push_back(0);
-    std::vector<int> open{start};
-    part[static_cast<size_t>(start)] = name;
-    while (!open.empty()) {
-      const int cell = open.back(), i = cell % cells.columns, j = cell / cells.columns;
-      open.pop_back();
-      ++sizes.back();
-      for (const auto& [k, l] : {std::pair(i + 1, j), std::pair(i - 1, j), std::pair(i, j + 1), std::pair(i, j - 1)}) {
-        if (!cells.at(k, l) || part[static_cast<size_t>(l * cells.columns + k)] != 0) continue;
-        part[static_cast<size_t>(l * cells.columns + k)] = name;
-        open.push_back(l * cells.columns + k);
+/// The largest part whose cells share sides.
+Cells largest_part(Cells cells) {
+  Cells largest;
+  Eigen::Index most = 0;
+  for (int j = 0; j < cells.cols(); ++j) {
+    for (int i = 0; i < cells.rows(); ++i) {
+      if (!cells(i, j)) continue;
+      Cells part = Cells::Constant(cells.rows(), cells.cols(), false);
+      std::vector<std::array<int, 2>> open{{i, j}};
+      while (!open.empty()) {
+        const auto [k, l] = open.back();
+        open.pop_back();
+        if (!at(cells, k, l)) continue;
+        cells(k, l) = false;
+        part(k, l) = true;
+        open.insert(open.end(), {{k + 1, l}, {k - 1, l}, {k, l + 1}, {k, l - 1}});
       }
+      if (part.count() <= most) continue;
+      most = part.count();
+      largest = part;
     }
   }
-  const auto largest = std::max_element(sizes.begin(), sizes.end());
-  for (size_t cell = 0; cell < part.size(); ++cell) cells.set[cell] = part[cell] == largest - sizes.begin();
-  return *largest;
+  return largest;
 }
 
 /// Corners of the outer boundary of one part, in cells, the part on the left.
 std::vector<std::array<int, 2>> outer_boundary(const Cells& cells) {
   int i = 0, j = 0;
-  while (!cells.at(i, j)) {
-    if (++i == cells.columns) {
+  while (!cells(i, j)) {
+    if (++i == cells.rows()) {
       i = 0;
       ++j;
     }
@@ -79,7 +72,7 @@ std::vector<std::array<int, 2>> outer_boundary(const Cells& cells) {
   const std::array<int, 2> ways[] = {{1, 0}, {0, 1}, {-1, 0}, {0, -1}};
   const auto ahead = [&](int x, int y, int way, int side) {  // the cell beyond a corner, left (1) or right (-1)
     const auto [dx, dy] = ways[way];
-    return cells.at(x - (dx - side * dy < 0), y - (dy + side * dx < 0));
+    return at(cells, x - (dx - side * dy < 0), y - (dy + side * dx < 0));
   };
   std::vector<std::array<int, 2>> corners;
   int x = i, y = j, way = 0;
@@ -111,15 +104,15 @@ Reach reach_of(const std::vector<Eigen::Vector2d>& points, double radius) {
   }
   low.array() -= 2 * radius;
   high.array() += 2 * radius;
-  Cells cells{static_cast<int>((high[0] - low[0]) / cell) + 1, static_cast<int>((high[1] - low[1]) / cell) + 1, {}};
-  cells.set.assign(static_cast<size_t>(cells.columns) * static_cast<size_t>(cells.rows), 0);
-  for (const Eigen::Vector2d& point : points)
-    cells(static_cast<int>((point[0] - low[0]) / cell), static_cast<int>((point[1] - low[1]) / cell)) = 1;
-  cells = grown(cells, fineness);
-  invert(cells);  // where a disc's centre may be
-  cells = grown(cells, fineness);
-  invert(cells);
-  reach.area = keep_largest(cells) * cell * cell;
+  const Eigen::Array2i size = ((high - low) / cell).cast<int>().array() + 1;
+  Cells cells = Cells::Constant(size[0], size[1], false);
+  for (const Eigen::Vector2d& point : points) {
+    const Eigen::Vector2i place = ((point - low) / cell).cast<int>();
+    cells(place[0], place[1]) = true;
+  }
+  cells = !grown(cells, fineness);  // where a disc's centre may be
+  cells = largest_part(!grown(cells, fineness));
+  reach.area = static_cast<double>(cells.count()) * cell * cell;
   for (const auto& [x, y] : outer_boundary(cells)) reach.outline.emplace_back(low + cell * Eigen::Vector2d(x, y));
   return reach;
 }

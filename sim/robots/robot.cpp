@@ -1,5 +1,7 @@
 #include "sim/robots/robot.hpp"
 
+#include <algorithm>
+
 namespace taut {
 namespace {
 
@@ -22,6 +24,10 @@ Params Robot::at(const Simulation& simulation, double t) const {
   Params p = scene.values;
   for (size_t k = 0; k < controls.size(); ++k) p[controls[k]] = simulation.schedules[k].at(t);
   return p;
+}
+
+const SceneReading& Robot::reading(const std::string& id) const {
+  return *std::ranges::find(readings, id, &SceneReading::id);
 }
 
 Robot make_robot(const Simulation& simulation) {

@@ -10,6 +10,8 @@ struct Robot : BuiltScene {
 
   /// All parameters at time t.
   Params at(const Simulation& simulation, double t) const;
+  /// The reading of a channel that is there.
+  const SceneReading& reading(const std::string& id) const;
 };
 
 /// Builds the model, controls as their schedules begin. Throws InputError as build_scene() does.

@@ -10,7 +10,6 @@ namespace taut {
 
 /// What was found for one target of [ik], or for one point of a path.
 struct IkAnswer {
-  std::string target;                    ///< its name
   IkResult result;                       ///< `achieved` is what SoftIk's channels say; see below
   std::vector<size_t> free;              ///< places of result.controls in simulation.controls
   std::vector<std::string> channels;     ///< ids of the channels with a value

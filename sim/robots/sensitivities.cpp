@@ -31,10 +31,10 @@ double along(const Robot& robot, const SceneReading& reading, const Eigen::Vecto
   return sum;
 }
 
-Eigen::VectorXd net_force_derivatives(const Robot& robot, const SceneReading& reading, const AcceptedStep& step,
-                                      const StateDerivatives& state, const std::vector<int>& indices) {
+Eigen::RowVectorXd net_force_derivatives(const Robot& robot, const SceneReading& reading, const AcceptedStep& step,
+                                         const StateDerivatives& state, const std::vector<int>& indices) {
   const Model& model = *robot.scene.model;
-  Eigen::VectorXd result = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(indices.size()));
+  Eigen::RowVectorXd result = Eigen::RowVectorXd::Zero(static_cast<Eigen::Index>(indices.size()));
   if (step.h == 0) return result;
   for (size_t j = 0; j < indices.size(); ++j) {
     const auto column = static_cast<Eigen::Index>(j);
@@ -54,6 +54,14 @@ Eigen::VectorXd net_force_derivatives(const Robot& robot, const SceneReading& re
 
 }  // namespace
 
+Eigen::RowVectorXd channel_derivatives(const Channel& channel, const Point& at, const Eigen::MatrixXd& du,
+                                       const std::vector<int>& indices) {
+  Eigen::RowVectorXd row = channel.gradient(at).transpose() * du;
+  for (Eigen::Index j = 0; j < row.size(); ++j)
+    row[j] += channel.parameter_derivative(at, indices[static_cast<size_t>(j)]);
+  return row;
+}
+
 double net_force(const Robot& robot, const SceneReading& reading, const AcceptedStep& step) {
   if (step.h == 0) return 0;
   return along(robot, reading, inertia_force(*robot.scene.model, step, step.p) + lift(robot, step, step.p));
@@ -61,19 +69,11 @@ double net_force(const Robot& robot, const SceneReading& reading, const Accepted
 
 Eigen::MatrixXd reading_derivatives(const Robot& robot, const AcceptedStep& step, const StateDerivatives& state,
                                     const std::vector<int>& indices) {
-  const Point at{step.u, step.p};
   Eigen::MatrixXd result(static_cast<Eigen::Index>(robot.readings.size()), static_cast<Eigen::Index>(indices.size()));
-  for (size_t k = 0; k < robot.readings.size(); ++k) {
-    const auto row = static_cast<Eigen::Index>(k);
-    const SceneReading& reading = robot.readings[k];
-    if (!reading.channel) {
-      result.row(row) = net_force_derivatives(robot, reading, step, state, indices).transpose();
-      continue;
-    }
-    result.row(row) = reading.channel->gradient(at).transpose() * state.du;
-    for (size_t j = 0; j < indices.size(); ++j)
-      result(row, static_cast<Eigen::Index>(j)) += reading.channel->parameter_derivative(at, indices[j]);
-  }
+  Eigen::Index row = 0;
+  for (const SceneReading& reading : robot.readings)
+    result.row(row++) = reading.channel ? channel_derivatives(*reading.channel, {step.u, step.p}, state.du, indices)
+                                        : net_force_derivatives(robot, reading, step, state, indices);
   return result;
 }
 

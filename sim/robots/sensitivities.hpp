@@ -7,6 +7,10 @@
 
 namespace taut {
 
+/// dy/dp = dy/du du/dp + dy/dp at fixed u of a channel, one per index; `du` (unknowns x indices).
+Eigen::RowVectorXd channel_derivatives(const Channel& channel, const Point& at, const Eigen::MatrixXd& du,
+                                       const std::vector<int>& indices);
+
 /// What the derivatives of a state are: of u, and in a time step of its step.reference; (unknowns x numbers).
 struct StateDerivatives {
   const Eigen::MatrixXd& du;
@@ -17,11 +21,8 @@ struct StateDerivatives {
 /// the start, where there is no step yet.
 double net_force(const Robot& robot, const SceneReading& reading, const AcceptedStep& step);
 
-/// dy/dp of all readings in a state, (readings x indices), per unit of each parameter:
-///
-///     dy/dp = dy/du du/dp + dy/dp at fixed u,
-///
-/// of a net force by its inertia and weight, which are linear in every density, mass and thickness.
+/// dy/dp of all readings in a state, (readings x indices), per unit of each parameter; of a net force by its inertia
+/// and weight, which are linear in every density, mass and thickness.
 Eigen::MatrixXd reading_derivatives(const Robot& robot, const AcceptedStep& step, const StateDerivatives& state,
                                     const std::vector<int>& indices);
 

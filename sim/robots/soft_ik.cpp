@@ -9,6 +9,7 @@
 
 #include "sim/core/error.hpp"
 #include "sim/core/stopwatch.hpp"
+#include "sim/robots/sensitivities.hpp"
 #include "sim/terms/solid.hpp"
 
 namespace taut {
@@ -44,6 +45,53 @@ Eigen::VectorXd bounded_step(const Eigen::MatrixXd& B, const Eigen::VectorXd& g,
   return step;
 }
 
+/// A number of each.
+template <class List, class Number>
+Eigen::VectorXd each(const List& list, Number number) {
+  Eigen::VectorXd values(static_cast<Eigen::Index>(list.size()));
+  std::ranges::transform(list, values.begin(), number);
+  return values;
+}
+
+/// The sum of squares near a point: residuals r with their Jacobian J, and what S knows of their second derivatives.
+struct Quadratic {
+  Eigen::VectorXd g, scale;
+  Eigen::MatrixXd B;
+
+  Quadratic(const Eigen::MatrixXd& J, const Eigen::VectorXd& r, const Eigen::MatrixXd& S) : g(J.transpose() * r) {
+    const Eigen::MatrixXd squares = J.transpose() * J;
+    B = squares + S;
+    scale = squares.diagonal();
+    scale = scale.cwiseMax(1e-6 * scale.maxCoeff() + 1e-12);
+  }
+  Eigen::VectorXd step(const Eigen::VectorXd& q, double damping) const {
+    return bounded_step(B + Eigen::MatrixXd(damping * scale.asDiagonal()), g, q);
+  }
+  /// How much half the sum is to fall with a step.
+  double promise(const Eigen::VectorXd& s) const { return -g.dot(s) - 0.5 * s.dot(B * s); }
+};
+
+/// Levenberg's and Marquardt's damping, raised the faster the more steps in a row have failed (Nielsen).
+struct Damping {
+  double level = 1e-6, growth = 2;
+
+  void raise() {
+    level = growth * std::max(level, 1e-4);
+    growth *= 2;
+  }
+  /// `ratio`: what a step brought over what it promised.
+  void lower(double ratio) {
+    level *= std::max(1.0 / 9, 1 - std::pow(2 * ratio - 1, 3));
+    growth = 2;
+  }
+};
+
+/// Symmetric rank-one update of S: along `step` its product is to be `change`.
+void learn(const Eigen::VectorXd& change, const Eigen::VectorXd& step, Eigen::MatrixXd& S) {
+  const Eigen::VectorXd miss = change - S * step;
+  if (std::abs(miss.dot(step)) > 1e-8 * miss.norm() * step.norm()) S += miss * miss.transpose() / miss.dot(step);
+}
+
 }  // namespace
 
 std::string_view name_of(IkStatus status) {
@@ -63,18 +111,50 @@ std::string_view name_of(IkStatus status) {
 class SoftIk::Search {
  public:
   Search(SoftIk& ik, const Eigen::VectorXd& targets, std::optional<double> stiffness)
-      : ik_(ik), targets_(targets), stiffness_(stiffness) {
-    for (const IkChannel& channel : ik.channels_) weights_.push_back(channel.weight / ik.options_.tolerance);
-    Eigen::VectorXd nominal(controls());
-    for (size_t j = 0; j < ik.controls_.size(); ++j) nominal[static_cast<Eigen::Index>(j)] = ik.controls_[j].nominal;
-    nominal_ = ik.to_range(nominal);
+      : ik_(ik),
+        targets_(targets),
+        nominal_(ik.to_range(each(ik.controls_, &IkControl::nominal))),
+        weights_(each(ik.channels_, &IkChannel::weight) / ik.options_.tolerance),
+        stiffness_(stiffness) {}
+
+  /// From where the equilibrium is (the nominal controls at rest), and while targets are not reached from other starts.
+  IkResult run() {
+    if (is_folded()) ik_.forget();  // no start
+    const Eigen::VectorXd u = ik_.equilibrium_.u();
+    const Params p = ik_.equilibrium_.p();
+    const Eigen::VectorXd start = ik_.at_rest_ ? nominal_ : ik_.to_range(p(ik_.indices_));
+    ik_.at_rest_ = false;
+    attempt(start);
+    const Eigen::VectorXd first = best_.q.size() > 0 ? best_.q : start;
+    const Eigen::VectorXd others[] = {nominal_, Eigen::VectorXd::Ones(controls()) - first,
+                                      Eigen::VectorXd::Constant(controls(), 0.5)};
+    for (int k = 0; k < std::min(3, ik_.options_.restarts) && !best_.reached; ++k) {
+      ik_.equilibrium_.start_at(u, p);
+      point_.resize(0);
+      attempt(others[k]);
+    }
+    return result();
   }
 
-  double pull = 1;      ///< weight of the distance to the nominal controls
-  int iterations = 0;   ///< Levenberg-Marquardt steps so far
-  bool settled = true;  ///< the last search ended by itself
+ private:
+  /// The best state of several searches.
+  struct End {
+    Eigen::VectorXd q, u;
+    Params p;
+    double distance = std::numeric_limits<double>::infinity();
+    bool settled = false, reached = false;
+  };
 
-  const Eigen::VectorXd& nominal() const { return nominal_; }
+  Eigen::Index controls() const { return static_cast<Eigen::Index>(ik_.controls_.size()); }
+  Eigen::Index rows() const { return targets_.size() + (stiffness_ ? 1 : 0); }
+  bool is_folded() const { return smallest_jacobian(ik_.scene_->model->mesh(), ik_.equilibrium_.u()) <= 0; }
+  /// Norm of the errors in units of the tolerance at the last point.
+  double distance() const { return errors_.norm(); }
+  /// Whether the last point meets the targets, weights aside.
+  bool reached() const {
+    return (ik_.values() - targets_).norm() <= ik_.options_.tolerance &&
+           (!stiffness_ || std::abs(errors_[targets_.size()]) <= 1);
+  }
 
   /// Moves the equilibrium to q; false, and the equilibrium where it was, when there is none on the way.
   bool evaluate(const Eigen::VectorXd& q, bool derivatives) {
@@ -88,124 +168,85 @@ class SoftIk::Search {
     return ok_;
   }
 
-  /// The equilibrium was set to another state.
-  void forget() { point_.resize(0); }
-
-  /// Norm of the errors in units of the tolerance at the last point.
-  double distance() const { return errors_.norm(); }
-  /// Whether the last point meets the targets, weights aside.
-  bool reached() const {
-    return (ik_.values() - targets_).norm() <= ik_.options_.tolerance &&
-           (!stiffness_ || std::abs(errors_[targets_.size()]) <= 1);
-  }
-  const Eigen::MatrixXd& slopes() const { return slopes_; }
-
-  /// The best state of several searches.
-  struct End {
-    Eigen::VectorXd q, u;
-    Params p;
-    double distance = std::numeric_limits<double>::infinity();
-    bool settled = false, reached = false;
-  };
-
-  /// Searches from q and keeps what it finds where that is better, and not folded unless there is nothing else.
-  void attempt(const Eigen::VectorXd& from, End& best) {
+  /// Searches from a point and keeps what it finds where that is better, and not folded unless there is nothing else.
+  void attempt(const Eigen::VectorXd& from) {
     if (!evaluate(from, true)) return;
-    pull = 1;
+    pull_ = 1;
     Eigen::VectorXd q = minimise(awake(from));
-    pull = 0;
+    pull_ = 0;
     q = minimise(q);
-    const bool found = settled;
-    if (!evaluate(q, true) || !(distance() < best.distance)) return;
-    const bool folded = smallest_jacobian(ik_.scene_->model->mesh(), ik_.equilibrium_.u()) <= 0;
-    if (folded && best.q.size() > 0) return;
-    best = {q, ik_.equilibrium_.u(), ik_.equilibrium_.p(), distance(), found, reached()};
+    const bool found = settled_;
+    if (!evaluate(q, true) || !(distance() < best_.distance)) return;
+    if (best_.q.size() > 0 && is_folded()) return;
+    best_ = {q, ik_.equilibrium_.u(), ik_.equilibrium_.p(), distance(), found, reached()};
   }
 
   /// Levenberg-Marquardt within the bounds from q; returns the best point. Where targets are out of reach, residuals
   /// stay and their second derivatives count: these are learnt from the changes of the Jacobian (S, a symmetric
   /// rank-one secant), without which the last steps would creep. Within the tolerance the Jacobian alone is right.
   Eigen::VectorXd minimise(Eigen::VectorXd q) {
-    settled = false;
+    settled_ = false;
     if (!evaluate(q, true)) return q;
     Eigen::VectorXd r = residuals(q);
     Eigen::MatrixXd J = jacobian(), S = Eigen::MatrixXd::Zero(controls(), controls());
-    double damping = 1e-6, growth = 2;
+    Damping damping;
     bool blocked = false;  // the last trial failed
     for (int iteration = 0; iteration < ik_.options_.max_iterations; ++iteration) {
       const double cost = 0.5 * r.squaredNorm();
-      if (2 * cost <= enough * enough) {
-        settled = true;
-        break;
-      }
-      const Eigen::VectorXd g = J.transpose() * r;
-      const Eigen::MatrixXd squares = J.transpose() * J, B = squares + S;
-      Eigen::VectorXd scale = squares.diagonal();
-      scale = scale.cwiseMax(1e-6 * scale.maxCoeff() + 1e-12);
-      const auto step_at = [&](double level) {
-        return bounded_step(B + Eigen::MatrixXd(level * scale.asDiagonal()), g, q);
-      };
-      const auto promise = [&](const Eigen::VectorXd& s) { return -g.dot(s) - 0.5 * s.dot(B * s); };
-      const Eigen::VectorXd step = step_at(damping), undamped = step_at(1e-9);
+      settled_ = 2 * cost <= enough * enough;
+      if (settled_) break;
+      const Quadratic near(J, r, S);
+      const Eigen::VectorXd step = near.step(q, damping.level), undamped = near.step(q, 1e-9);
       if (step.size() == 0) {
         S.setZero();
         continue;
       }
       // A step that is short for its damping alone says nothing, nor does one that the bounds have turned uphill.
-      const double hope = undamped.size() > 0 ? promise(undamped) : -1;
-      if (hope >= 0 && hope <= (pull > 0 ? 1e-5 : 1e-8) * cost) {
-        settled = !blocked;
+      const double hope = undamped.size() > 0 ? near.promise(undamped) : -1;
+      if (hope >= 0 && hope <= (pull_ > 0 ? 1e-5 : 1e-8) * cost) {
+        settled_ = !blocked;
         break;
       }
-      const double promised = promise(step);
+      const double promised = near.promise(step);
       if (!(promised > 0)) {
-        damping = growth * std::max(damping, 1e-4);
-        growth *= 2;
+        damping.raise();
         continue;
       }
       const Eigen::VectorXd trial = (q + step).cwiseMax(0.0).cwiseMin(1.0);
-      ++iterations;
+      ++iterations_;
       blocked = !evaluate(trial, false);
       const double ratio = blocked ? -1.0 : (cost - 0.5 * residuals(trial).squaredNorm()) / promised;
-      if (ratio > 1e-3 && evaluate(trial, true)) {
-        S *= residuals(trial).norm() / r.norm();
-        r = residuals(trial);
-        const Eigen::VectorXd miss = (jacobian() - J).transpose() * r - S * step;
-        if (std::abs(miss.dot(step)) > 1e-8 * miss.norm() * step.norm()) S += miss * miss.transpose() / miss.dot(step);
-        if (distance() < 1) S.setZero();
-        J = jacobian();
-        q = trial;
-        damping *= std::max(1.0 / 9, 1 - std::pow(2 * ratio - 1, 3));
-        growth = 2;
-      } else {
-        damping = growth * std::max(damping, 1e-4);
-        growth *= 2;
+      if (!(ratio > 1e-3 && evaluate(trial, true))) {
+        damping.raise();
+        continue;
       }
+      S *= residuals(trial).norm() / r.norm();
+      r = residuals(trial);
+      learn((jacobian() - J).transpose() * r, step, S);
+      if (distance() < 1) S.setZero();
+      J = jacobian();
+      q = trial;
+      damping.lower(ratio);
     }
     return q;
   }
 
- private:
-  Eigen::Index controls() const { return static_cast<Eigen::Index>(ik_.controls_.size()); }
-  Eigen::Index rows() const { return targets_.size() + (stiffness_ ? 1 : 0); }
-
   Eigen::VectorXd errors() const {
     Eigen::VectorXd r(rows());
-    const Eigen::VectorXd y = ik_.values();
-    for (Eigen::Index i = 0; i < y.size(); ++i) r[i] = weights_[static_cast<size_t>(i)] * (y[i] - targets_[i]);
-    if (stiffness_) r[y.size()] = std::log(ik_.stiffness() / *stiffness_) / ik_.options_.stiffness_tolerance;
+    r.head(targets_.size()) = weights_.cwiseProduct(ik_.values() - targets_);
+    if (stiffness_) r[targets_.size()] = std::log(ik_.stiffness() / *stiffness_) / ik_.options_.stiffness_tolerance;
     return r;
   }
 
   /// Errors, and the pull towards the nominal controls.
   Eigen::VectorXd residuals(const Eigen::VectorXd& q) const {
     Eigen::VectorXd r(rows() + controls());
-    r << errors_, pull * (q - nominal_);
+    r << errors_, pull_ * (q - nominal_);
     return r;
   }
   Eigen::MatrixXd jacobian() const {
     Eigen::MatrixXd J(rows() + controls(), controls());
-    J << slopes_, pull * Eigen::MatrixXd::Identity(controls(), controls());
+    J << slopes_, pull_ * Eigen::MatrixXd::Identity(controls(), controls());
     return J;
   }
 
@@ -226,8 +267,7 @@ class SoftIk::Search {
 
   bool differentiate() {
     Eigen::MatrixXd J(rows(), controls());
-    J.topRows(targets_.size()) = ik_.derivatives() * ik_.range_.asDiagonal();
-    for (Eigen::Index i = 0; i < targets_.size(); ++i) J.row(i) *= weights_[static_cast<size_t>(i)];
+    J.topRows(targets_.size()) = weights_.asDiagonal() * (ik_.derivatives() * ik_.range_.asDiagonal());
     if (stiffness_) {
       const Eigen::VectorXd u = ik_.equilibrium_.u();
       const Params p = ik_.equilibrium_.p();
@@ -246,10 +286,49 @@ class SoftIk::Search {
     return true;
   }
 
+  /// The best state, to which the equilibrium goes back, and what is to be said of it.
+  IkResult result() {
+    IkResult result;
+    result.iterations = iterations_;
+    Equilibrium& equilibrium = ik_.equilibrium_;
+    if (best_.q.size() == 0) {
+      result.message =
+          fmt::format("no equilibrium was found where the search starts: {}", equilibrium.report().message());
+      return result;
+    }
+    if (equilibrium.u() != best_.u || equilibrium.p() != best_.p || !equilibrium.has_factor()) {
+      equilibrium.start_at(best_.u, best_.p);
+      equilibrium.refactorise();
+      ++ik_.factorisations_;
+    }
+    result.controls = ik_.from_range(best_.q);
+    result.achieved = ik_.values();
+    result.error = (result.achieved - targets_).norm();
+    if (ik_.options_.stiffness_direction.size() > 0) result.stiffness = ik_.stiffness();
+    for (const double q : best_.q) result.bound.push_back(q <= 1e-9 ? -1 : q >= 1 - 1e-9 ? 1 : 0);
+    const std::string where =
+        fmt::format("{:.4g} mm from the target{}{}{}", 1e3 * result.error,
+                    stiffness_ ? fmt::format(", {:.4g} N/m instead of {:.4g} N/m", result.stiffness, *stiffness_) : "",
+                    ik_.bounds_text(result), is_folded() ? ", with folded elements" : "");
+    if (best_.reached) {
+      result.status = IkStatus::reached;
+      result.message = "reached: " + where;
+    } else if (best_.settled) {
+      result.status = IkStatus::unreachable;
+      result.message = "out of reach, and the nearest point found is " + where;
+    } else {
+      result.message = fmt::format("the search did not end within {} steps: {}", ik_.options_.max_iterations, where);
+    }
+    return result;
+  }
+
   SoftIk& ik_;
-  Eigen::VectorXd targets_, nominal_;
-  std::optional<double> stiffness_;
-  std::vector<double> weights_;
+  const Eigen::VectorXd targets_, nominal_, weights_;
+  const std::optional<double> stiffness_;
+  double pull_ = 1;      ///< weight of the distance to the nominal controls
+  int iterations_ = 0;   ///< Levenberg-Marquardt steps so far
+  bool settled_ = true;  ///< the last search ended by itself
+  End best_;
   Eigen::VectorXd point_, errors_;
   Eigen::MatrixXd slopes_;
   bool ok_ = false;
@@ -264,10 +343,7 @@ SoftIk::SoftIk(const Scene& scene, std::vector<IkChannel> channels, std::vector<
   if (channels_.empty() || controls_.empty())
     throw InputError("inverse kinematics needs at least one channel with a target and one control; name them");
   const ParameterTable& table = scene.model->parameters();
-  lower_.resize(static_cast<Eigen::Index>(controls_.size()));
-  range_.resize(lower_.size());
-  for (size_t j = 0; j < controls_.size(); ++j) {
-    IkControl& control = controls_[j];
+  for (IkControl& control : controls_) {
     const ParameterSpec& spec = table[control.index];
     if (!(control.lower < control.upper) || !(control.nominal >= control.lower && control.nominal <= control.upper))
       throw InputError(
@@ -277,9 +353,9 @@ SoftIk::SoftIk(const Scene& scene, std::vector<IkChannel> channels, std::vector<
     if (control.largest_step == 0)
       control.largest_step = spec.unit == "rad" ? std::numbers::pi / 6 : std::numeric_limits<double>::infinity();
     indices_.push_back(control.index);
-    lower_[static_cast<Eigen::Index>(j)] = control.lower;
-    range_[static_cast<Eigen::Index>(j)] = control.upper - control.lower;
   }
+  lower_ = each(controls_, &IkControl::lower);
+  range_ = each(controls_, &IkControl::upper) - lower_;
   if (options_.held.size() == 0) options_.held = scene.values;
   if (options_.rest.size() == 0) options_.rest = scene.values;
   forget();
@@ -303,11 +379,9 @@ bool SoftIk::move_to(const Eigen::VectorXd& controls) {
   const Eigen::VectorXd u = equilibrium_.u();
   const Params from = equilibrium_.p();
   Params to = options_.held;
-  double steps = 1;
-  for (size_t j = 0; j < controls_.size(); ++j) {
-    to[indices_[j]] = controls[static_cast<Eigen::Index>(j)];
-    steps = std::max(steps, std::ceil(std::abs(to[indices_[j]] - from[indices_[j]]) / controls_[j].largest_step));
-  }
+  to(indices_) = controls;
+  const Eigen::ArrayXd change = (to(indices_) - from(indices_)).cwiseAbs().array();
+  const double steps = std::max(1.0, ceil(change / each(controls_, &IkControl::largest_step).array()).maxCoeff());
   for (double step = 1; step <= steps; ++step) {
     const Params next = step == steps ? to : Params(from + step / steps * (to - from));
     const SolveReport& report = equilibrium_.solve(next);
@@ -321,23 +395,17 @@ bool SoftIk::move_to(const Eigen::VectorXd& controls) {
 }
 
 Eigen::VectorXd SoftIk::values() const {
-  Eigen::VectorXd y(static_cast<Eigen::Index>(channels_.size()));
-  for (size_t i = 0; i < channels_.size(); ++i)
-    y[static_cast<Eigen::Index>(i)] = channels_[i].channel->value({equilibrium_.u(), equilibrium_.p()});
-  return y;
+  const Point at{equilibrium_.u(), equilibrium_.p()};
+  return each(channels_, [&](const IkChannel& one) { return one.channel->value(at); });
 }
 
-/// dy/dc = dy/du du/dc + dy/dc at fixed u, shape (channels x controls).
+/// (channels x controls).
 Eigen::MatrixXd SoftIk::derivatives() const {
   const Eigen::MatrixXd sensitivities = equilibrium_.sensitivities(indices_);
-  const Point at{equilibrium_.u(), equilibrium_.p()};
-  Eigen::MatrixXd J(static_cast<Eigen::Index>(channels_.size()), static_cast<Eigen::Index>(controls_.size()));
-  for (size_t i = 0; i < channels_.size(); ++i) {
-    const Eigen::Index row = static_cast<Eigen::Index>(i);
-    J.row(row) = channels_[i].channel->gradient(at).transpose() * sensitivities;
-    for (size_t j = 0; j < controls_.size(); ++j)
-      J(row, static_cast<Eigen::Index>(j)) += channels_[i].channel->parameter_derivative(at, indices_[j]);
-  }
+  Eigen::MatrixXd J(static_cast<Eigen::Index>(channels_.size()), range_.size());
+  Eigen::Index row = 0;
+  for (const IkChannel& one : channels_)
+    J.row(row++) = channel_derivatives(*one.channel, {equilibrium_.u(), equilibrium_.p()}, sensitivities, indices_);
   return J;
 }
 
@@ -368,59 +436,11 @@ IkResult SoftIk::solve(const Eigen::VectorXd& targets, std::optional<double> sti
                     *stiffness));
   const Stopwatch stopwatch;
   solves_ = factorisations_ = 0;
-  IkResult result;
-  Search search(*this, targets, stiffness);
-  const auto finish = [&](IkStatus status, std::string message) {
-    result.status = status;
-    result.message = std::move(message);
-    result.iterations = search.iterations;
-    result.solves = solves_;
-    result.factorisations = factorisations_;
-    result.seconds = stopwatch.seconds();
-    return result;
-  };
-
-  Search::End best;
-  if (smallest_jacobian(scene_->model->mesh(), equilibrium_.u()) <= 0) forget();  // a folded state is no start
-  const Eigen::VectorXd u = equilibrium_.u();
-  const Params p = equilibrium_.p();
-  Eigen::VectorXd current(range_.size());
-  for (size_t j = 0; j < controls_.size(); ++j) current[static_cast<Eigen::Index>(j)] = p[indices_[j]];
-  const Eigen::VectorXd start = at_rest_ ? search.nominal() : to_range(current);
-  at_rest_ = false;
-
-  search.attempt(start, best);
-  const Eigen::VectorXd first = best.q.size() > 0 ? best.q : start;
-  const Eigen::VectorXd half = Eigen::VectorXd::Constant(range_.size(), 0.5);
-  const Eigen::VectorXd others[] = {search.nominal(), Eigen::VectorXd::Ones(range_.size()) - first, half};
-  for (int k = 0; k < std::min(3, options_.restarts) && !best.reached; ++k) {
-    equilibrium_.start_at(u, p);
-    search.forget();
-    search.attempt(others[k], best);
-  }
-  if (best.q.size() == 0)
-    return finish(IkStatus::failed,
-                  fmt::format("no equilibrium was found where the search starts: {}", equilibrium_.report().message()));
-  if (equilibrium_.u() != best.u || equilibrium_.p() != best.p || !equilibrium_.has_factor()) {
-    equilibrium_.start_at(best.u, best.p);
-    equilibrium_.refactorise();
-    ++factorisations_;
-  }
-
-  result.controls = from_range(best.q);
-  result.achieved = values();
-  result.error = (result.achieved - targets).norm();
-  if (options_.stiffness_direction.size() > 0) result.stiffness = this->stiffness();
-  for (const double q : best.q) result.bound.push_back(q <= 1e-9 ? -1 : q >= 1 - 1e-9 ? 1 : 0);
-  const std::string where = fmt::format(
-      "{:.4g} mm from the target{}{}{}", 1e3 * result.error,
-      stiffness ? fmt::format(", {:.4g} N/m instead of {:.4g} N/m", result.stiffness, *stiffness) : "",
-      bounds_text(result), smallest_jacobian(scene_->model->mesh(), best.u) > 0 ? "" : ", with folded elements");
-  if (best.reached) return finish(IkStatus::reached, fmt::format("reached: {}", where));
-  if (!best.settled)
-    return finish(IkStatus::failed,
-                  fmt::format("the search did not end within {} steps: {}", options_.max_iterations, where));
-  return finish(IkStatus::unreachable, fmt::format("out of reach, and the nearest point found is {}", where));
+  IkResult result = Search(*this, targets, stiffness).run();
+  result.solves = solves_;
+  result.factorisations = factorisations_;
+  result.seconds = stopwatch.seconds();
+  return result;
 }
 
 }  // namespace taut

@@ -3,11 +3,9 @@
 #include <numbers>
 
 #include "calib/benches/recordings.hpp"
-#include "calib/benches/static_replay.hpp"
-#include "calib/files/experiment.hpp"
 #include "calib/models/beam_model.hpp"
-#include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"
+#include "tests/support/static_bench.hpp"
 #include "tests/support/taylor.hpp"
 
 // Every kind of channel on a bench, each against what is known of it in closed form or by balance.
@@ -16,34 +14,23 @@ namespace {
 
 using namespace test;
 
-/// A bar 60 x 12 x 20 mm with E = 100 kPa and nu = 0, free to stretch, with a cable from the wall through its middle to
-/// its end.
-const std::string bar_toml = R"(title = "A bar with a cable"
-data = "simulated"
+constexpr double kE = 1e5, kArea = 0.012 * 0.020, kLength = 0.06, kBar = kE * kArea / kLength, kCable = 500;
 
-[geometry]
-kind = "rectangle"
-size = ["60 mm", "12 mm"]
-region = "foam"
-thickness = "20 mm"
-plane = "stress"
-
-[mesh]
-cells = [6, 2]
-
-[materials.foam]
-law = "neo_hookean"
-E = "100 kPa"
-nu = 0.0
-
-[[support]]
-on = "xmin"
-fix = ["x"]
+/// A bar with E = 100 kPa and nu = 0 in plane stress, free to stretch.
+const std::string free_bar = replaced(foam_piece("A bar", "[6, 2]", "E = \"100 kPa\"\nnu = 0.0\n"),
+                                      "thickness = \"20 mm\"", "thickness = \"20 mm\"\nplane = \"stress\"") +
+                             R"(fix = ["x"]
 
 [[support]]
 on = "xmin & ymin"
 fix = ["y"]
 
+[bench]
+file = "bench.csv"
+)";
+
+/// With a cable from the wall through its middle to its end.
+const std::string bar_toml = free_bar + R"(
 [[load]]
 id = "pull"
 on = "xmax"
@@ -62,39 +49,10 @@ y = ["6 mm", "6 mm"]
 [[channel]]
 id = "read"
 CHANNEL
-
-[bench]
-file = "bench.csv"
 )";
-constexpr double kE = 1e5, kArea = 0.012 * 0.020, kLength = 0.06, kBar = kE * kArea / kLength, kCable = 500;
 
-/// A bar whose end face is moved, too stiff to be bent by anything.
-const std::string pulled_toml = R"(title = "A tensile test"
-data = "simulated"
-
-[geometry]
-kind = "rectangle"
-size = ["60 mm", "12 mm"]
-region = "foam"
-thickness = "20 mm"
-plane = "stress"
-
-[mesh]
-cells = [6, 2]
-
-[materials.foam]
-law = "neo_hookean"
-E = "100 kPa"
-nu = 0.0
-
-[[support]]
-on = "xmin"
-fix = ["x"]
-
-[[support]]
-on = "xmin & ymin"
-fix = ["y"]
-
+/// Its end face is moved.
+const std::string pulled_toml = free_bar + R"(
 [[support]]
 on = "xmax"
 move = "x"
@@ -109,34 +67,23 @@ direction = [1, 0]
 column = "cell_mN"
 noise = { absolute = "0.1 mN" }
 
-[bench]
-file = "bench.csv"
-
 [fit.free.E_foam]
 start = "30 kPa"
 )";
 
 class ChannelKinds : public testing::Test {
  protected:
-  StaticReplay bench_of(const std::string& toml, const std::string& csv) {
-    folder_.write("bench.csv", csv);
-    const Experiment experiment = read_experiment(folder_.write("experiment.toml", toml));
-    return make_static_replay(experiment, experiment.mesh, read_trials(experiment.bench));
+  StaticReplay bench_of(const std::string& toml, const std::string& csv) const {
+    return test::bench_of(experiment_in(folder_, toml, csv));
   }
   static std::string bar(const std::string& channel) { return replaced(bar_toml, "CHANNEL", channel); }
   static std::string beam(const std::string& channel) {
     return replaced(beam_toml, "on = \"xmax\"\ndirection = [0, -1]\ncolumn = \"tip_mm\"\n", channel);
   }
-  static Prediction predicted(const StaticReplay& bench) {
-    const Prediction prediction = bench.protocol->predict(bench.protocol->nominal(), {});
-    for (const std::string& failure : prediction.failures) ADD_FAILURE() << failure;
-    return prediction;
-  }
   /// The value at which a parameter ends, fitted to a bench's own readings.
   double fitted(const std::string& toml, const std::string& csv, const std::string& id) {
-    folder_.write("bench.csv", csv);
-    const Experiment experiment = read_experiment(folder_.write("experiment.toml", toml));
-    const StaticReplay bench = make_static_replay(experiment, experiment.mesh, read_trials(experiment.bench));
+    const Experiment experiment = experiment_in(folder_, toml, csv);
+    const StaticReplay bench = test::bench_of(experiment);
     const FitResult result = fit(*bench.protocol, bench.measurements, free_parameters(experiment, *bench.protocol));
     EXPECT_EQ(result.status, FitStatus::converged);
     EXPECT_EQ(bench.protocol->parameters()[bench.protocol->parameters().index(id)].id, id);
@@ -171,24 +118,29 @@ TEST_F(ChannelKinds, ARotationIsThatOfACantileversEndReadInDegrees) {
 }
 
 TEST_F(ChannelKinds, ATensionIsThatOfCableAndBarInARowAndItsFitFindsTheCable) {
-  // The bar gives way by T / k_bar and the cable by T / k: together what the winch takes in. The cable ends in one
-  // point of the bar's face, which gives way a little more than the face.
-  const double winch = 30e-6, expected = winch / (1 / kCable + 1 / kBar);
+  // The bar is pressed together by a part c of its length, T = A E/2 (1/l - l) with l = 1 - c, and the cable gives way
+  // by T / k: together what the winch takes in. One linear element across the bar spreads the cable's end evenly.
+  const double c = 2.5e-4, expected = kArea * kE / 2 * (1 / (1 - c) - (1 - c));
+  const std::string winch = fmt::format("0,{:.12f}", 1e3 * (c * kLength + expected / kCable));
   const std::string channel =
       "kind = \"tension\"\nof = \"middle\"\ncolumn = \"cable_mN\"\nnoise = { absolute = \"0.01 mN\" }\n";
-  const StaticReplay bench = bench_of(bar(channel), "pull_N,winch_mm,cable_mN\n0,0.03,6.5\n");
+  const auto even = [](const std::string& toml) {
+    return replaced(toml, "cells = [6, 2]", "cells = [6, 1]\nelement = \"linear\"");
+  };
+  const std::string head = "pull_N,winch_mm,cable_mN\n";
+  const StaticReplay bench = bench_of(even(bar(channel)), head + winch + ",6.5\n");
   EXPECT_NEAR(bench.measurements[0].value, 6.5e-3, 1e-15);
   EXPECT_NEAR(bench.measurements[0].sigma, 1e-5, 1e-18);
   const double tension = predicted(bench).values[0];
-  EXPECT_LT(tension, expected);
-  EXPECT_NEAR(tension / expected, 1, 0.2);
+  EXPECT_NEAR(tension / expected, 1, 1e-9);
   const std::string wall =
       "kind = \"reaction\"\non = \"xmin\"\ndirection = [1, 0]\ncolumn = \"cable_mN\"\n"
       "noise = { absolute = \"0.01 mN\" }\n";
-  EXPECT_NEAR(predicted(bench_of(bar(wall), "pull_N,winch_mm,cable_mN\n0,0.03,1\n")).values[0], tension, 1e-9)
+  EXPECT_NEAR(predicted(bench_of(even(bar(wall)), head + winch + ",1\n")).values[0], tension, 1e-9)
       << "the wall holds against the cable";
-  const std::string own = fmt::format("pull_N,winch_mm,cable_mN\n0,0.03,{:.9f}\n", 1e3 * tension);
-  EXPECT_NEAR(fitted(bar(channel) + "[fit.free.k_cable]\nstart = \"100 N/m\"\n", own, "k_cable") / kCable, 1, 1e-4);
+  const std::string own = head + winch + fmt::format(",{:.9f}\n", 1e3 * tension);
+  EXPECT_NEAR(fitted(even(bar(channel)) + "[fit.free.k_cable]\nstart = \"100 N/m\"\n", own, "k_cable") / kCable, 1,
+              1e-4);
 }
 
 TEST_F(ChannelKinds, ACablesLengthIsItsRestLessWhatTheWinchTookInAndItStretched) {
@@ -283,17 +235,13 @@ noise = { absolute = "1 mm" }
 
 TEST_F(ChannelKinds, HalfASolidReadsWhatTheWholeBodyDoes) {
   const auto both = [&](const std::string& toml, const std::string& csv) {
-    folder_.write("bench.csv", csv);
-    const Experiment plane = read_experiment(folder_.write("experiment.toml", toml));
-    const Trials trials = read_trials(plane.bench);
+    const Experiment plane = experiment_in(folder_, toml, csv);
     Experiment solid = as_solid(plane, 1);
     SupportSettings side;
     side.on = "side";
     side.fix = {2};
     solid.supports.push_back(side);
-    const StaticReplay one = make_static_replay(plane, plane.mesh, trials);
-    const StaticReplay two = make_static_replay(solid, solid.mesh, trials);
-    return std::pair(predicted(one).values[0], predicted(two).values[0]);
+    return std::pair(predicted(test::bench_of(plane)).values[0], predicted(test::bench_of(solid)).values[0]);
   };
   const auto [turn, half_turn] =
       both(replaced(beam("kind = \"rotation\"\non = \"xmax\"\ncolumn = \"tip_rad\"\n"), "0.1 mm", "1 deg"),
@@ -377,10 +325,9 @@ TEST_F(ChannelKinds, WrongChannelsAreRefusedWithOneClearSentence) {
 }
 
 TEST_F(ChannelKinds, ChainsOfBeamsShowDisplacementsOnly) {
-  folder_.write("bench.csv", "trial,pull_N,tip_deg\na,0.05,1\n");
-  const Experiment e = read_experiment(
-      folder_.write("experiment.toml",
-                    replaced(beam("kind = \"rotation\"\non = \"xmax\"\ncolumn = \"tip_deg\"\n"), "0.1 mm", "1 deg")));
+  const std::string toml =
+      replaced(beam("kind = \"rotation\"\non = \"xmax\"\ncolumn = \"tip_deg\"\n"), "0.1 mm", "1 deg");
+  const Experiment e = experiment_in(folder_, toml, "trial,pull_N,tip_deg\na,0.05,1\n");
   expect_input_error([&] { make_beam_bench(e, read_trials(e.bench)); },
                      {"[[channel]] 'tip'", "displacements", "rotation"});
 }

@@ -2,11 +2,10 @@
 
 #include <gtest/gtest.h>
 
-#include "calib/benches/static_replay.hpp"
 #include "sim/shapes/grid.hpp"
 #include "sim/shapes/mesh_file.hpp"
-#include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"
+#include "tests/support/static_bench.hpp"
 
 namespace taut {
 namespace {
@@ -17,16 +16,13 @@ using namespace test;
 class ExperimentFile : public testing::Test {
  protected:
   StaticReplay bench_of(const std::string& toml, const std::string& csv) const {
-    folder_.write("bench.csv", csv);
-    const Experiment experiment = read_experiment(folder_.write("experiment.toml", toml));
-    return make_static_replay(experiment, experiment.mesh, read_trials(experiment.bench));
+    return test::bench_of(experiment_in(folder_, toml, csv));
   }
 
   /// Predicted readings, in the order of the file.
   std::vector<double> predictions(const std::string& toml, const std::string& csv) const {
     const StaticReplay bench = bench_of(toml, csv);
-    const Prediction prediction = bench.protocol->predict(bench.protocol->nominal(), {});
-    if (!prediction.complete()) ADD_FAILURE() << prediction.failures.front();
+    const Prediction prediction = predicted(bench);
     std::vector<double> values;
     for (const int row : bench.row_of_reading) values.push_back(prediction.values[row]);
     return values;

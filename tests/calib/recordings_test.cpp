@@ -11,54 +11,15 @@ namespace {
 
 using namespace test;
 
-const std::string toml = R"(title = "A beam lets go"
-data = "simulated"
-
-[geometry]
-kind = "rectangle"
-size = ["60 mm", "12 mm"]
-region = "foam"
-thickness = "20 mm"
-
-[mesh]
-cells = [4, 1]
-
-[materials.foam]
-law = "neo_hookean"
-E = "200 kPa"
-nu = 0.3
-density = "500 kg/m3"
-
-[damping.foam]
-stiffness = "1 ms"
-
+const std::string toml = released_toml + R"(
 [gravity]
 direction = [0, -1]
-
-[[support]]
-on = "xmin"
-fix = ["x", "y"]
 
 [[load]]
 id = "hung"
 on = "xmax & ymax"
 direction = [0, -1]
 value = "0 g"
-
-[[load]]
-id = "hand"
-on = "xmax & ymax"
-direction = [0, -1]
-value = "0 N"
-
-[[channel]]
-id = "tip"
-on = "xmax"
-direction = [0, 1]
-column = "tip_mm"
-
-[dynamics]
-step = "1 ms"
 
 [bench]
 kind = "recordings"

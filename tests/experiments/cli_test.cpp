@@ -468,25 +468,15 @@ TEST(SimulateCommand, AnInterruptedOrFailedRunKeepsWhatWasFinished) {
 
 TEST(IkCommand, SaysWhichTargetsWereReachedAndByWhichControls) {
   const TemporaryFolder folder;
-  folder.write("robot.toml", replaced(robot_toml, "velocity = [\"0 m/s\", \"-0.5 m/s\"]", "clamped = [\"ymin\"]") + R"(
-[ik.control.motor]
-lower = "-40 deg"
-upper = "40 deg"
-
-[[ik.target]]
-name = "up"
-tip_y = "20 mm"
-
-[[ik.target]]
-name = "far"
-tip_y = "200 mm"
-)");
+  folder.write("robot.toml", posed_robot_toml);
   const Outcome run = run_in(folder / "", {"ik", "robot.toml", "-q"});
   EXPECT_EQ(run.code, 0) << run.err;
   expect_holds(run.out, {"up: reached", "wanted 20 mm", "far: out of reach", "motor", "40 deg"});
   const Outcome none = run_in(folder / "", {"ik", "robot.toml", "--target", "dwon"});
   EXPECT_EQ(none.code, 2);
   expect_holds(none.err, {"dwon"});
+  for (const char* file : {"ik.csv", "channels.csv", "report.html", "animation.html", "robot_ik.pvd", ".files"})
+    EXPECT_TRUE(fs::exists(folder / (std::string("runs/robot/") + file))) << file;
 }
 
 }  // namespace

@@ -1,11 +1,9 @@
 #include <gtest/gtest.h>
-#include <sys/wait.h>
 
-#include <cstdlib>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
-#include "tests/support/experiment_files.hpp"
+#include "tests/support/command.hpp"
 
 // The shipped material-point experiment through the command `taut`.
 namespace taut {
@@ -15,17 +13,11 @@ using namespace test;
 using nlohmann::json;
 namespace fs = std::filesystem;
 
-int taut(const std::string& arguments, const TemporaryFolder& folder) {
-  const std::string command = "cd '" + (folder / "") + "' && '" TAUT_BINARY "' " + arguments + " > out.txt 2> err.txt";
-  const int status = std::system(command.c_str());
-  return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-}
-
 const std::string experiment = TAUT_SOURCE_DIR "/experiments/foam_point/experiment.toml";
 
 TEST(FoamPoint, FitsBothLawsAsItsReadmeSays) {
   const TemporaryFolder folder;
-  ASSERT_EQ(taut("fit --quiet '" + experiment + "' --out run", folder), 0) << text_of(folder / "err.txt");
+  ASSERT_EQ(done_in(folder / "", {"fit", "--quiet", experiment, "--out", "run"}).code, 0);
   const json run = json::parse(text_of(folder / "run/fit.json"));
   EXPECT_EQ(run["kind"], "material point");
   EXPECT_EQ(run["status"], "converged");
@@ -60,19 +52,20 @@ TEST(FoamPoint, FitsBothLawsAsItsReadmeSays) {
   EXPECT_NE(html.find("[kPa]"), std::string::npos);
   EXPECT_EQ(html.find("[mm]"), std::string::npos) << "a material point has no lengths";
   EXPECT_NE(before.find("measured_Pa"), std::string::npos);
-  ASSERT_EQ(taut("report run", folder), 0) << text_of(folder / "err.txt");
+  done_in(folder / "", {"report", "run"});
   EXPECT_EQ(text_of(folder / "run/report.html"), html);
   EXPECT_EQ(text_of(folder / "run/predictions.csv"), before);
 }
 
 TEST(FoamPoint, CheckSaysWhatItIsReplayPredictsItAndDrawSaysWhatToUse) {
   const TemporaryFolder folder;
-  ASSERT_EQ(taut("check '" + experiment + "'", folder), 0) << text_of(folder / "err.txt");
-  EXPECT_NE(text_of(folder / "out.txt").find("12 readings, strains from -60 to -3 %"), std::string::npos);
-  EXPECT_EQ(taut("replay '" + experiment + "' --out replay", folder), 0);
-  EXPECT_NE(text_of(folder / "replay/predictions.csv").find("predicted_Pa"), std::string::npos);
-  EXPECT_EQ(taut("draw '" + experiment + "'", folder), 2);
-  EXPECT_NE(text_of(folder / "err.txt").find("`taut fit`"), std::string::npos);
+  const std::string here = folder / "";
+  expect_holds(done_in(here, {"check", experiment}).out, {"12 readings, strains from -60 to -3 %"});
+  done_in(here, {"replay", experiment, "--out", "replay"});
+  expect_holds(text_of(folder / "replay/predictions.csv"), {"predicted_Pa"});
+  const Outcome draw = run_in(here, {"draw", experiment});
+  EXPECT_EQ(draw.code, 2);
+  expect_holds(draw.err, {"`taut fit`"});
 }
 
 }  // namespace

@@ -53,10 +53,24 @@ Json numbers_of_simulation(const Json& run) {
   return result;
 }
 
-/// Shares extrapolate small differences, profile ends are searched to half a per cent of a rise.
+Json numbers_of_poses(const Json& run) {
+  Json result = Json::array();
+  for (const Json& target : run.at("targets")) {
+    for (const Json& point : target.at("points")) {
+      Json& pose = result.emplace_back();
+      for (const char* name : {"status", "stiffness_N_per_m"}) pose[name] = point.value(name, Json());
+      for (const auto& [id, control] : point.at("controls").items()) pose["controls"][id] = control.at("value");
+      for (const auto& [id, channel] : point.at("channels").items()) pose["channels"][id] = channel.at("achieved");
+    }
+  }
+  return result;
+}
+
+/// Shares extrapolate small differences, profile ends are searched to half a per cent of a rise, poses to a hundredth
+/// of their tolerance.
 double tolerance_at(const std::string& path) {
-  const bool loose = path.find("shares") != std::string::npos || path.find("interval95") != std::string::npos;
-  return loose ? 1e-4 : 1e-6;
+  const auto in = [&](const char* part) { return path.find(part) != std::string::npos; };
+  return in("shares") || in("interval95") || in("ik_") ? 1e-4 : 1e-6;
 }
 
 /// `scale`: what a number is small against: the largest beside it.
@@ -83,6 +97,7 @@ void expect_same(const Json& golden, const Json& now, const std::string& path, d
 
 struct Golden {
   std::string command, experiment, file;
+  std::vector<std::string> more = {};  ///< words of the command
 };
 
 class GoldenNumbers : public testing::TestWithParam<Golden> {};
@@ -91,11 +106,15 @@ TEST_P(GoldenNumbers, AreWhatTheyWere) {
   const TemporaryFolder folder;
   const Golden& golden = GetParam();
   const std::string root(TAUT_SOURCE_DIR);
-  const Outcome outcome = run_in(
-      folder / "", {golden.command, root + "/experiments/" + golden.experiment, "--json", "--quiet", "--out", "run"});
+  std::vector<std::string> words{
+      golden.command, root + "/experiments/" + golden.experiment, "--json", "--quiet", "--out", "run"};
+  words.insert(words.end(), golden.more.begin(), golden.more.end());
+  const Outcome outcome = run_in(folder / "", words);
   ASSERT_EQ(outcome.code, 0) << outcome.err;
   const Json run = Json::parse(outcome.out);
-  const Json now = golden.command == "fit" ? numbers_of_fit(run) : numbers_of_simulation(run);
+  const Json now = golden.command == "fit"  ? numbers_of_fit(run)
+                   : golden.command == "ik" ? numbers_of_poses(run)
+                                            : numbers_of_simulation(run);
   expect_same(Json::parse(text_of(root + "/tests/golden/" + golden.file + ".json")), now, golden.file, 1);
 }
 
@@ -113,7 +132,8 @@ INSTANTIATE_TEST_SUITE_P(Slow, GoldenNumbers,
                                          Golden{"simulate", "stiffening/experiment.toml", "simulate_stiffening"},
                                          Golden{"simulate", "twist/experiment.toml", "simulate_twist"},
                                          Golden{"simulate", "arm/experiment.toml", "simulate_arm"},
-                                         Golden{"simulate", "arm/tip_mass.toml", "simulate_tip_mass"}),
+                                         Golden{"simulate", "arm/tip_mass.toml", "simulate_tip_mass"},
+                                         Golden{"ik", "arm/experiment.toml", "ik_arm", {"--target", "80 N per m"}}),
                          [](const testing::TestParamInfo<Golden>& one) { return one.param.file; });
 
 }  // namespace

@@ -1,4 +1,6 @@
+#include <fcntl.h>
 #include <gtest/gtest.h>
+#include <sys/file.h>
 #include <sys/mount.h>
 
 #include <chrono>
@@ -7,6 +9,7 @@
 #include <thread>
 
 #include "tests/support/command.hpp"
+#include "tests/support/small_robot.hpp"
 
 // Runs that are killed, interrupted, disturbed or starved lose nothing that was finished.
 namespace taut {
@@ -154,6 +157,44 @@ TEST_F(Run, ASimulationDoesNotTakeAFitsPlace) {
   EXPECT_EQ(refused.code, 2);
   expect_holds(refused.err, {"run: holds a fit", "--out"});
   EXPECT_TRUE(fs::exists(folder / "run/fit.json"));
+}
+
+TEST_F(Run, PosesTakeTheOldOnesPlaceAsAWhole) {
+  folder.write("robot.toml", posed_robot_toml);
+  ASSERT_EQ(taut({"ik", "robot.toml", "--out", "poses"}).code, 0);
+  EXPECT_TRUE(fs::exists(folder / "poses/frames/robot_ik_0001.vtu"));
+  folder.write("poses/notes.txt", "mine");
+  ASSERT_EQ(taut({"ik", "robot.toml", "--out", "poses", "--target", "up"}).code, 0);
+  EXPECT_TRUE(fs::exists(folder / "poses/frames/robot_ik_0000.vtu"));
+  EXPECT_FALSE(fs::exists(folder / "poses/frames/robot_ik_0001.vtu")) << "there is one pose now";
+  EXPECT_EQ(text_of(folder / "poses/notes.txt"), "mine");
+  EXPECT_FALSE(fs::exists(folder / "poses/.next/ik.csv"));
+
+  const std::string before = text_of(folder / "poses/ik.csv");
+  const int lock = open((folder / "poses/.lock").c_str(), O_RDWR | O_CLOEXEC);
+  ASSERT_EQ(flock(lock, LOCK_EX), 0);
+  const Outcome second = taut({"ik", "robot.toml", "--out", "poses"});
+  close(lock);
+  EXPECT_EQ(second.code, 2);
+  expect_holds(second.err, {"poses: another taut is writing its run there", "--out"});
+  EXPECT_EQ(text_of(folder / "poses/ik.csv"), before);
+}
+
+TEST_F(Run, PosesTakeNeitherAFitsNorASimulationsPlace) {
+  ASSERT_EQ(fit("run", {"--no-variants"}).code, 0);
+  folder.write("robot.toml", posed_robot_toml);
+  const Outcome refused = taut({"ik", "robot.toml", "--out", "run"});
+  EXPECT_EQ(refused.code, 2);
+  expect_holds(refused.err, {"run: holds a fit", "--out"});
+  EXPECT_TRUE(fs::exists(folder / "run/fit.json"));
+
+  ASSERT_EQ(taut({"simulate", "robot.toml"}).code, 0);
+  const std::string before = text_of(folder / "runs/robot/channels.csv");
+  const Outcome beside = taut({"ik", "robot.toml"});
+  EXPECT_EQ(beside.code, 0);
+  expect_holds(beside.err, {"report: runs/robot/ik/report.html"});
+  EXPECT_TRUE(fs::exists(folder / "runs/robot/ik/ik.csv"));
+  EXPECT_EQ(text_of(folder / "runs/robot/channels.csv"), before);
 }
 
 TEST_F(Run, ASignalThatTheCallerIgnoresStaysIgnored) {

@@ -49,6 +49,13 @@ inline Outcome run_in(const std::string& folder, const std::vector<std::string>&
   return finish(start(arguments, folder), folder);
 }
 
+/// The same for what has to succeed.
+inline Outcome done_in(const std::string& folder, const std::vector<std::string>& arguments) {
+  const Outcome outcome = run_in(folder, arguments);
+  EXPECT_EQ(outcome.code, 0) << outcome.err;
+  return outcome;
+}
+
 inline void expect_holds(const std::string& text, const std::vector<std::string>& parts) {
   for (const std::string& part : parts)
     EXPECT_NE(text.find(part), std::string::npos) << part << " is not in:\n" << text;

@@ -4,7 +4,7 @@
 
 #include "calib/files/experiment.hpp"
 #include "calib/studies/study_store.hpp"
-#include "experiments/cli/progress.hpp"
+#include "experiments/cli/commands.hpp"
 #include "sim/robots/simulation.hpp"
 
 namespace taut {
@@ -27,5 +27,14 @@ ChartFolder open_chart(const CommandOptions& options, const std::string& chart, 
 
 /// Says what is missing, and returns the exit code.
 int close_chart(const CommandOptions& options, size_t missing, size_t all, Progress& progress);
+
+/// Runs an experiment (readings at rest, recordings, or a simulation) with other meshes, elements and solver settings
+/// and charts the error of its result against the time and the matrix factorisations it took: accuracy.csv, figures as
+/// SVG, PDF and PNG in the folder that --out names. Each finished setting is kept at once, and the next run goes on
+/// from there; settings that do not fit into --budget are left out and counted. Exit code 130 when interrupted.
+int chart_accuracy(const CommandOptions& options);
+
+/// `taut chart stability EXPERIMENT`.
+int chart_stability(const CommandOptions& options);
 
 }  // namespace taut

@@ -3,13 +3,19 @@
 
 #include "calib/benches/bench.hpp"
 #include "calib/runs/run_record.hpp"
+#include "experiments/cli/commands.hpp"
 
-// The files that a run was made from, and their copies in its folder.
+// What a result was made by and from: this program, and the files that are copied into a run's folder.
 namespace taut {
 
-/// Records the inputs of a bench with their hashes.
-std::vector<InputRecord> inputs_of(const Bench& bench);
-/// Copies them into `folder`, so that a run explains itself. Throws InputError when one has changed since inputs_of().
+std::string version();
+/// Commit that this binary was built from, "unknown" outside a repository.
+std::string commit();
+/// Of a run that begins now.
+Provenance provenance_of(const CommandOptions& options, const Bench& bench);
+
+/// Copies inputs into `folder`, so that a run explains itself. Throws InputError when one has changed since
+/// provenance_of().
 void copy_inputs(const std::vector<InputRecord>& inputs, const std::string& folder);
 /// Throws InputError when a copy in the run folder is not the one that its fit.json belongs to.
 void check_inputs(const RunRecord& record, const std::string& folder);

@@ -1,7 +1,8 @@
-#include "experiments/cli/chart_study.hpp"
-
 #include <fmt/format.h>
 
+#include <boost/program_options.hpp>
+
+#include "experiments/cli/chart.hpp"
 #include "sim/core/error.hpp"
 #include "sim/files/simulation.hpp"
 
@@ -20,6 +21,29 @@ std::vector<std::string> files_of(const Simulation& simulation) {
     if (const std::string mesh = input_file(body.geometry); !mesh.empty()) files.push_back(mesh);
   }
   return files;
+}
+
+/// What is drawn, by the name of the chart.
+const std::vector<std::pair<std::string, int (*)(const CommandOptions&)>> charts{{"accuracy", chart_accuracy},
+                                                                                 {"stability", chart_stability}};
+
+int run(const CommandOptions& options) {
+  if (!(options.budget >= 0 && options.budget < 1e9))
+    throw InputError("--budget: a number of seconds, zero or more, belongs here");
+  std::vector<std::string> names;
+  for (const auto& [name, chart] : charts) {
+    if (name == options.name) return chart(options);
+    names.push_back(name);
+  }
+  throw InputError(fmt::format("taut chart: '{}' is no chart{}; charts: {}", options.name,
+                               did_you_mean(options.name, names), join(names)));
+}
+
+void add_options(AddOption add, CommandOptions& options) {
+  add_out(add, options, "folder of figures and tables; default: runs/<name of the experiment's folder>/charts");
+  add_threads(add, options);
+  add("budget", boost::program_options::value(&options.budget)->value_name("SECONDS"),
+      "time for its simulations; default: 300. What does not fit in is left to the next run");
 }
 
 }  // namespace
@@ -59,7 +83,19 @@ int close_chart(const CommandOptions& options, size_t missing, size_t all, Progr
   if (missing > 0)
     progress.say(
         fmt::format("{} of {} settings are missing; run it again to go on, or with a larger --budget", missing, all));
-  return options.stop != nullptr && options.stop->load() ? exit_interrupted : exit_ok;
+  return options.interrupted() ? exit_interrupted : exit_ok;
+}
+
+Command chart_command() {
+  return {"chart",
+          "accuracy|stability FILE",
+          "Charts error against cost over meshes, elements and solver settings (accuracy), or where methods fail "
+          "(stability).",
+          "  taut chart accuracy experiments/silicone_block/experiment.toml --budget 300\n"
+          "  taut chart stability experiments/push_puppet/experiment.toml\n",
+          add_options,
+          run,
+          {&CommandOptions::name, &CommandOptions::target}};
 }
 
 }  // namespace taut

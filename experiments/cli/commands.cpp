@@ -1,17 +1,33 @@
-#include "experiments/cli/progress.hpp"
+#include "experiments/cli/commands.hpp"
 
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <boost/program_options.hpp>
 #include <cstdio>
 #include <filesystem>
 
 namespace taut {
-namespace {
 
 namespace fs = std::filesystem;
+namespace po = boost::program_options;
 
-}  // namespace
+Command check_command();
+Command draw_command();
+Command replay_command();
+Command fit_command();
+Command simulate_command();
+Command ik_command();
+Command predict_command();
+Command chart_command();
+Command report_command();
+
+const std::vector<Command>& all_commands() {
+  static const std::vector<Command> all{check_command(),   draw_command(),     replay_command(),
+                                        fit_command(),     simulate_command(), ik_command(),
+                                        predict_command(), chart_command(),    report_command()};
+  return all;
+}
 
 Progress::Progress(bool quiet) : quiet_(quiet), terminal_(isatty(STDERR_FILENO) != 0) {}
 Progress::~Progress() {
@@ -46,8 +62,12 @@ std::string run_folder(const CommandOptions& options) {
   return options.out.empty() ? (fs::path("runs") / experiment_name(options.target)).string() : options.out;
 }
 
-bool interrupted(const CommandOptions& options) {
-  return options.stop != nullptr && options.stop->load();
+void add_out(AddOption add, CommandOptions& options, const char* what) {
+  add("out", po::value(&options.out)->value_name("DIR"), what);
+}
+
+void add_threads(AddOption add, CommandOptions& options) {
+  add("threads", po::value(&options.threads)->value_name("N"), "states solved at the same time; default: all cores");
 }
 
 }  // namespace taut

@@ -1,0 +1,51 @@
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+
+#include "calib/runs/open_bench.hpp"
+#include "calib/runs/run_fit.hpp"
+#include "experiments/cli/print.hpp"
+#include "experiments/cli/simulate_command.hpp"
+#include "sim/files/simulation.hpp"
+
+namespace taut {
+namespace {
+
+nlohmann::ordered_json check_json(const RunRecord& record, const ParameterTable& table,
+                                  const std::vector<FreeParameter>& free) {
+  nlohmann::ordered_json json{{"title", record.title}, {"data", record.simulated ? "simulated" : "measured"}};
+  for (const auto& [label, text] : record.setup) json["setup"].push_back({label, text});
+  json["free"] = nlohmann::ordered_json::array();
+  for (const FreeParameter& p : free)
+    json["free"].push_back(
+        {{"id", table[p.index].id}, {"start", p.start}, {"bounds", {p.lower, p.upper}}, {"unit", table[p.index].unit}});
+  json["warnings"] = record.remarks;
+  return json;
+}
+
+/// Reads experiment, bench and model, says what was understood and what looks wrong.
+int run(const CommandOptions& options) {
+  if (is_simulation(options.target)) return check_simulation(options);
+  const std::unique_ptr<Bench> bench = open_bench(options.target, {options.threads, options.stop});
+  RunRecord record = start_record(*bench);
+  record.setup.emplace_back("size", bench->size_text());
+  const ParameterTable& table = bench->protocol().parameters();
+  if (options.json)
+    fmt::print("{}\n", check_json(record, table, bench->free()).dump(2));
+  else
+    print_check(record, table, bench->free());
+  return exit_ok;
+}
+
+}  // namespace
+
+Command check_command() {
+  return {"check",
+          "EXPERIMENT",
+          "Reads an experiment and its bench, says what it understood, finds problems; solves nothing.",
+          "  taut check experiments/silicone_block/experiment.toml\n",
+          nullptr,
+          run};
+}
+
+}  // namespace taut

@@ -1,0 +1,230 @@
+#include <fmt/format.h>
+
+#include <boost/program_options.hpp>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <numeric>
+
+#include "calib/data/files.hpp"
+#include "calib/runs/open_bench.hpp"
+#include "calib/runs/run_fit.hpp"
+#include "experiments/cli/commands.hpp"
+#include "experiments/cli/print.hpp"
+#include "reports/axes.hpp"
+#include "reports/report.hpp"
+#include "reports/vtu.hpp"
+#include "sim/core/error.hpp"
+#include "sim/core/stopwatch.hpp"
+#include "sim/core/units.hpp"
+
+namespace taut {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+namespace po = boost::program_options;
+
+/// The file's parameters with what --set says.
+Params parameters_of(const CommandOptions& options, const Bench& bench) {
+  const ParameterTable& table = bench.protocol().parameters();
+  Params p = bench.protocol().nominal();
+  for (const auto& [id, text] : options.set) {
+    if (bench.sets(id)) {
+      throw InputError(fmt::format(
+          "--set {0}: '{0}' is set by the bench, row by row; change its column in a copy of the bench file", id));
+    }
+    const int index = table.index(id);
+    p[index] = parse_quantity(text, quantity_of_si_unit(table[index].unit), "--set " + id);
+    table.check(index, p[index]);
+  }
+  return p;
+}
+
+/// A replay's files go to the run folder; where a fit stands there, beside it.
+std::string replay_folder(const CommandOptions& options) {
+  const fs::path folder = run_folder(options);
+  return (fs::exists(folder / "fit.json") ? folder / "replay" : folder).string();
+}
+
+/// What a replay found, with derivatives where they were asked for.
+struct Replay {
+  RunRecord record;
+  Prediction prediction;
+  std::vector<int> with_respect_to;              ///< all parameters and controls; empty: not asked for
+  std::vector<std::vector<double>> derivatives;  ///< of each reading
+  std::vector<TangentStiffness> stiffness;
+};
+
+std::string sensitivities_csv(const Replay& replay, const Bench& bench) {
+  const ParameterTable& table = bench.protocol().parameters();
+  std::string text = "line,trial,channel,unit";
+  for (int index : replay.with_respect_to) text += fmt::format(",d_{}[{}]", table[index].id, table[index].unit);
+  text += "\n";
+  for (size_t i = 0; i < replay.record.readings.size(); ++i) {
+    const ReadingRecord& reading = replay.record.readings[i];
+    text += fmt::format("{},{},{},{}", reading.line, reading.trial, reading.channel,
+                        channel_axis(replay.record, reading.channel).unit);
+    for (double value : replay.derivatives[i]) text += fmt::format(",{:.10g}", value);
+    text += "\n";
+  }
+  return text;
+}
+
+Json sensitivities_json(const Replay& replay, const Bench& bench) {
+  const ParameterTable& table = bench.protocol().parameters();
+  Json json{{"with_respect_to", Json::array()}, {"rows", Json::array()}, {"tangent_stiffness", Json::array()}};
+  for (int index : replay.with_respect_to)
+    json["with_respect_to"].push_back({{"id", table[index].id},
+                                       {"unit", table[index].unit},
+                                       {"kind", bench.sets(table[index].id) ? "control" : "parameter"}});
+  for (size_t i = 0; i < replay.record.readings.size(); ++i) {
+    const ReadingRecord& reading = replay.record.readings[i];
+    json["rows"].push_back({{"line", reading.line},
+                            {"channel", reading.channel},
+                            {"unit", channel_axis(replay.record, reading.channel).unit},
+                            {"derivatives", replay.derivatives[i]}});
+  }
+  for (const TangentStiffness& one : replay.stiffness)
+    json["tangent_stiffness"].push_back({{"state", one.where}, {"load", one.load}, {"N_per_m", one.value}});
+  return json;
+}
+
+void print_sensitivities(const Replay& replay, const Bench& bench) {
+  const ParameterTable& table = bench.protocol().parameters();
+  fmt::print("derivatives in SI units, everything else held:\n{:>5}  {:<14}", "line", "channel");
+  for (int index : replay.with_respect_to) fmt::print(" {:>16}", "d/d " + table[index].id);
+  fmt::print("\n");
+  for (size_t i = 0; i < replay.record.readings.size(); ++i) {
+    fmt::print("{:>5}  {:<14}", replay.record.readings[i].line, replay.record.readings[i].channel);
+    for (double value : replay.derivatives[i]) fmt::print(" {:>16.6g}", value);
+    fmt::print("\n");
+  }
+  for (const TangentStiffness& one : replay.stiffness)
+    fmt::print("tangent stiffness along {} at {}: {}\n", one.load, one.where, with_unit(one.value, "N/m"));
+}
+
+Json replay_json(const Replay& replay, const Bench& bench) {
+  const RunRecord& record = replay.record;
+  Json json{{"title", record.title},
+            {"data", record.simulated ? "simulated" : "measured"},
+            {"seconds", record.replay_seconds},
+            {"factorisations", bench.protocol().factorisations()}};
+  if (!bench.choice().empty()) json["model"] = bench.choice();
+  for (const ReadingRecord& r : record.readings) {
+    json["rows"].push_back({{"line", r.line},
+                            {"channel", r.channel},
+                            {"trial", r.trial},
+                            {"controls", r.controls},
+                            {key("measured", record, r.channel), r.measured},
+                            {key("predicted", record, r.channel), r.predicted}});
+  }
+  for (const CableState& state : bench.cable_states())
+    json["cables"].push_back(
+        {{"state", state.where}, {"cable", state.cable}, {"tension_N", state.tension}, {"length_m", state.length}});
+  for (const SwingRecord& s : record.swings)
+    json["swings"].push_back({{"recording", s.recording},
+                              {"channel", s.channel},
+                              {"frequency_Hz", s.frequency},
+                              {"predicted_frequency_Hz", s.predicted_frequency},
+                              {"decay_per_s", s.decay},
+                              {"predicted_decay_per_s", s.predicted_decay}});
+  if (!replay.with_respect_to.empty()) json["sensitivities"] = sensitivities_json(replay, bench);
+  json["failures"] = replay.prediction.failures;
+  return json;
+}
+
+void print_replay(const Replay& replay, const Bench& bench) {
+  if (replay.record.simulated) fmt::print("SIMULATED DATA in the column 'measured'.\n");
+  if (replay.record.swings.empty())
+    print_readings(replay.record);
+  else
+    print_swings(replay.record);
+  print_cables(bench.cable_states());
+  if (!replay.with_respect_to.empty()) print_sensitivities(replay, bench);
+}
+
+Replay replay_bench(const CommandOptions& options, const Bench& bench, const Params& p) {
+  Replay replay;
+  replay.record = start_record(bench);
+  Protocol& protocol = bench.protocol();
+  if (options.sensitivities) {
+    replay.with_respect_to.resize(static_cast<size_t>(protocol.parameters().size()));
+    std::iota(replay.with_respect_to.begin(), replay.with_respect_to.end(), 0);
+  }
+  protocol.forget();  // what the choice of the model left
+  const Stopwatch watch;
+  replay.prediction = protocol.predict(p, replay.with_respect_to);
+  replay.record.replay_seconds = watch.seconds();
+  if (options.sensitivities) {
+    for (const BenchReading& reading : bench.readings()) {
+      const Eigen::VectorXd row = replay.prediction.derivatives.row(reading.row);
+      replay.derivatives.emplace_back(row.begin(), row.end());
+    }
+    if (bench.one_model()) replay.stiffness = bench.tangent_stiffness();
+  }
+  fill_predictions(bench, replay.prediction.values, {}, replay.record);
+  replay.record.swings = bench.swings(replay.prediction.values);
+  return replay;
+}
+
+/// Simulates every row of the bench: table on stdout; predictions.csv, states as VTU.
+int run(const CommandOptions& options) {
+  const std::unique_ptr<Bench> bench = open_bench(options.target, {options.threads, options.stop});
+  Progress progress(options.quiet);
+  const Params p = parameters_of(options, *bench);
+  progress.say("replaying " + bench->size_text());
+  const Replay replay = replay_bench(options, *bench, p);
+  const RunRecord& record = replay.record;
+  if (!bench->choice().empty()) progress.say(bench->choice());
+  const std::string comparison = bench->compare_models(p, replay.prediction.values, record.replay_seconds);
+  if (!comparison.empty()) progress.say(comparison);
+  const std::string folder = replay_folder(options);
+  write_file((fs::path(folder) / "predictions.csv").string(), predictions_csv(record));
+  const fs::path derivatives = fs::path(folder) / "sensitivities.csv";
+  fs::remove(derivatives);  // of an earlier replay, with other parameters perhaps
+  if (options.sensitivities) write_file(derivatives.string(), sensitivities_csv(replay, *bench));
+  const std::string pictures = write_states(bench->states(), folder);
+  if (options.json)
+    fmt::print("{}\n", replay_json(replay, *bench).dump(2));
+  else
+    print_replay(replay, *bench);
+  for (const std::string& warning : record.remarks) progress.say("warning: " + warning);
+  for (const std::string& warning : bench->warnings_after()) progress.say("warning: " + warning);
+  print_failures(replay.prediction.failures);
+  progress.say(fmt::format("{:.2f} s, {}; {}/predictions.csv{}", record.replay_seconds, bench->effort(), folder,
+                           pictures.empty() ? "" : ", " + pictures));
+  if (options.interrupted()) return exit_interrupted;
+  return replay.prediction.complete() ? exit_ok : exit_solve;
+}
+
+void add_options(AddOption add, CommandOptions& options) {
+  add_out(add, options);
+  add_threads(add, options);
+  const auto keep = [&options](const std::vector<std::string>& settings) {
+    for (const std::string& setting : settings) {
+      const size_t equals = setting.find('=');
+      if (equals == std::string::npos || equals == 0)
+        throw InputError(fmt::format("--set {}: write ID=VALUE, for example --set E_foam=\"50 kPa\"", setting));
+      options.set[setting.substr(0, equals)] = setting.substr(equals + 1);
+    }
+  };
+  add("set", po::value<std::vector<std::string>>()->value_name("ID=VALUE")->composing()->notifier(keep),
+      "a parameter instead of the file's value, with its unit");
+  add("sensitivities", po::bool_switch(&options.sensitivities),
+      "derivatives of every row with respect to all parameters and controls, and the stiffness at each load: "
+      "sensitivities.csv");
+}
+
+}  // namespace
+
+Command replay_command() {
+  return {"replay",
+          "EXPERIMENT",
+          "Simulates every row of the bench with given parameters: table, CSV, VTU.",
+          "  taut replay experiments/silicone_block/experiment.toml\n"
+          "  taut replay experiments/silicone_block/experiment.toml --set E_silicone=\"263.8 kPa\" --out /tmp/replay\n",
+          add_options,
+          run};
+}
+
+}  // namespace taut
