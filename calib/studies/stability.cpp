@@ -1,4 +1,3 @@
-#pragma GCC diagnostic ignored "-Wmissing-field-initializers"
 #include "calib/studies/stability.hpp"
 
 #include <fmt/format.h>
