@@ -61,16 +61,14 @@ std::optional<AccuracyRun> run_of(const Cells& cells, size_t parameters) {
 }
 
 /// Runs a setting; nothing when it was interrupted, or the budget ended.
-std::optional<AccuracyRun> run_setting(const std::string& path, const AccuracySetting& setting,
-                                       const Deadline& deadline) {
+std::optional<AccuracyRun> run_setting(const AccuracySetting& setting, const Deadline& deadline) {
   AccuracyRun run;
   const Stopwatch watch;
   try {
     run = setting.run(deadline.flag());
   } catch (const InputError& error) {
-    run.failure = error.what();
-    // The file need not be told in its own chart.
-    if (run.failure.starts_with(path + ": ")) run.failure.erase(0, path.size() + 2);
+    const auto* of_file = dynamic_cast<const FileError*>(&error);
+    run.failure = of_file != nullptr ? of_file->reason : error.what();  // its own chart need not be told the file
     run.seconds = watch.seconds();
   }
   if (run.failure.empty() || !deadline.flag()) return run;
@@ -233,7 +231,7 @@ Runs run_settings(const AccuracyStudy& study, const StudyOptions& options) {
   }
   table.run = [&](size_t k, const Deadline& deadline) -> std::optional<StudyResult> {
     const AccuracySetting& setting = study.settings[order[k]];
-    const std::optional<AccuracyRun> run = run_setting(study.path, setting, deadline);
+    const std::optional<AccuracyRun> run = run_setting(setting, deadline);
     if (!run) return std::nullopt;
     return StudyResult{cells_of(setting, *run), run->failure.empty() ? run->seconds : 0};
   };

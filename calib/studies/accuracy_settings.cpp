@@ -198,7 +198,6 @@ void add_tolerances(AccuracyStudy& study, const Subject& subject, const std::vec
 AccuracyStudy study_of(const Experiment& experiment, const Protocol& protocol) {
   AccuracyStudy study;
   study.title = experiment.title;
-  study.path = experiment.path;
   study.simulated = experiment.simulated;
   study.table = protocol.parameters();
   study.nominal = protocol.nominal();
@@ -449,7 +448,6 @@ AccuracyStudy accuracy_study(const Simulation& simulation) {
                     simulation.path));
   AccuracyStudy study;
   study.title = simulation.title;
-  study.path = simulation.path;
   study.simulated = true;
   study.result = "channels over time, forces between bodies left out";
   study.highest_order = {{"mesh", 2}, {"contact gap", 1}, {"step", 2}};
