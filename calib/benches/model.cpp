@@ -66,9 +66,7 @@ Mesh make_mesh(const Experiment& experiment, const MeshSettings& settings) {
 }
 
 Experiment as_solid(const Experiment& experiment, int depth_cells) {
-  const auto refuse = [&](const std::string& what) {
-    throw InputError(fmt::format("{}: as a solid, {}", experiment.path, what));
-  };
+  const auto refuse = [&](const std::string& what) { throw FileError(experiment.path, "as a solid, " + what); };
   if (experiment.geometry.dimension != 2) refuse("an experiment has to be plane, and this one is in space already");
   if (depth_cells < 1) refuse("a body needs at least one layer of elements across half of its thickness");
   if (!experiment.kind->at_rest)

@@ -11,8 +11,6 @@
 #include <iterator>
 #include <map>
 
-#include "sim/core/error.hpp"
-
 namespace taut {
 namespace {
 
@@ -26,20 +24,17 @@ std::string read_text(const std::string& path) {
   if (!fs::exists(path, ignored)) {
     std::vector<std::string> neighbours;
     const fs::path folder = fs::path(path).has_parent_path() ? fs::path(path).parent_path() : fs::path(".");
-    for (fs::directory_iterator entry(folder, ignored), end; !ignored && entry != end; entry.increment(ignored)) {
+    for (fs::directory_iterator entry(folder, ignored), end; !ignored && entry != end; entry.increment(ignored))
       neighbours.push_back(entry->path().filename().string());
-    }
     throw InputError(fmt::format("{}: there is no such file{}; correct the path of the bench file", path,
                                  did_you_mean(fs::path(path).filename().string(), neighbours)));
   }
-  if (fs::is_directory(path, ignored)) {
+  if (fs::is_directory(path, ignored))
     throw InputError(fmt::format("{}: this is a folder; name the CSV file in it", path));
-  }
   std::ifstream file(path, std::ios::binary);
   std::string text{std::istreambuf_iterator<char>(file), {}};
-  if (!file.good() && !file.eof()) {
+  if (!file.good() && !file.eof())
     throw InputError(fmt::format("{}: the file cannot be read; check its permissions", path));
-  }
   return text;
 }
 
@@ -50,18 +45,13 @@ void inspect(std::string& text, CsvTable& table) {
   int line = 1;
   for (size_t i = 0; i < text.size(); ++i) {
     if (text[i] == '\n') ++line;
-    if (text[i] == '\0') {
-      throw InputError(
-          fmt::format("{}: there is a zero byte, so this is not a CSV text file but perhaps a spreadsheet "
-                      "or UTF-16; export it as CSV in UTF-8",
-                      table.at(line)));
-    }
-    if (text[i] == '\r' && i + 1 < text.size() && text[i + 1] != '\n') {
-      throw InputError(
-          fmt::format("{}: there is a carriage return that does not end the line; save the file with LF "
-                      "or CRLF line ends",
-                      table.at(line)));
-    }
+    if (text[i] == '\0')
+      table.fail(line,
+                 "there is a zero byte, so this is not a CSV text file but perhaps a spreadsheet or UTF-16; export it "
+                 "as CSV in UTF-8");
+    if (text[i] == '\r' && i + 1 < text.size() && text[i + 1] != '\n')
+      table.fail(line,
+                 "there is a carriage return that does not end the line; save the file with LF or CRLF line ends");
   }
   if (!text.empty() && text.back() != '\n') text += '\n';
 }
@@ -91,10 +81,9 @@ std::vector<std::string> split(char* line, const CsvTable& table, int number) {
     if (table.separator == ';') return split_at<';'>(line);
     return split_at<','>(line);
   } catch (const io::error::escaped_string_not_closed&) {
-    throw InputError(
-        fmt::format("{}: a quoted cell is not closed on its line; close it with \" (a \" inside a quoted "
-                    "cell is written twice)",
-                    table.at(number)));
+    table.fail(
+        number,
+        "a quoted cell is not closed on its line; close it with \" (a \" inside a quoted cell is written twice)");
   }
 }
 
@@ -105,33 +94,23 @@ char detect_separator(std::string_view header) {
     if (c == '"') quoted = !quoted;
     if (!quoted) ++count[c];
   }
-  char separator = ',';
-  for (const char candidate : {';', '\t'}) {
-    if (count[candidate] > count[separator]) separator = candidate;
-  }
-  return separator;
+  return std::ranges::max({',', ';', '\t'}, {}, [&](char c) { return count[c]; });
 }
 
 void check_header(const CsvTable& table) {
   const std::vector<std::string>& names = table.header.cells;
   for (size_t i = 0; i < names.size(); ++i) {
-    if (names[i].empty()) {
-      throw InputError(fmt::format("{}: column {} of {} has no name; name it, or delete the column and its separators",
-                                   table.at(table.header.line), i + 1, names.size()));
-    }
+    if (names[i].empty())
+      table.fail(table.header.line, "column {} of {} has no name; name it, or delete the column and its separators",
+                 i + 1, names.size());
     const size_t first = static_cast<size_t>(std::ranges::find(names, names[i]) - names.begin());
-    if (first < i) {
-      throw InputError(fmt::format("{}: column '{}' stands twice, as columns {} and {}; give each column its own name",
-                                   table.at(table.header.line), shown(names[i]), first + 1, i + 1));
-    }
+    if (first < i)
+      table.fail(table.header.line, "column '{}' stands twice, as columns {} and {}; give each column its own name",
+                 shown(names[i]), first + 1, i + 1);
   }
 }
 
 }  // namespace
-
-std::string CsvTable::at(int line) const {
-  return fmt::format("{}, line {}", path, line);
-}
 
 std::string CsvTable::at(const Row& row, size_t column) const {
   return fmt::format("{}, column '{}'", at(row.line), shown(header.cells[column]));
@@ -159,8 +138,8 @@ CsvTable read_csv(const std::string& path) {
       }
     }
   } catch (const io::error::line_length_limit_exceeded& error) {
-    throw InputError(fmt::format("{}: the line is longer than {} characters; is this a CSV file with one row per line?",
-                                 table.at(error.file_line), (1 << 24) - 1));
+    table.fail(error.file_line, "the line is longer than {} characters; is this a CSV file with one row per line?",
+               (1 << 24) - 1);
   }
   if (table.header.line == 0) {
     throw InputError(
@@ -176,13 +155,10 @@ void check_cell_counts(const CsvTable& table) {
     const size_t expected = table.header.cells.size();
     if (row.cells.size() == expected) continue;
     std::string hint;
-    if (row.cells.size() > expected && table.separator == ',') {
+    if (row.cells.size() > expected && table.separator == ',')
       hint = " (a decimal comma? it needs semicolons or tabs between the cells)";
-    }
-    throw InputError(fmt::format("{}: found {} where the header in line {} has {}{}; correct the row",
-                                 table.at(row.line),
-                                 row.cells.size() == 1 ? "1 cell" : fmt::format("{} cells", row.cells.size()),
-                                 table.header.line, expected, hint));
+    table.fail(row.line, "found {} cell{} where the header in line {} has {}{}; correct the row", row.cells.size(),
+               row.cells.size() == 1 ? "" : "s", table.header.line, expected, hint);
   }
 }
 

@@ -1,7 +1,12 @@
 #pragma once
+#include <fmt/format.h>
+
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
+
+#include "sim/core/error.hpp"
 
 namespace taut {
 
@@ -20,9 +25,19 @@ struct CsvTable {
   int comments = 0;
 
   /// "bench.csv, line 3": how a message about this file begins.
-  std::string at(int line) const;
+  std::string at(int line) const { return fmt::format("{}, line {}", path, line); }
   /// "bench.csv, line 3, column 'mass_g'".
   std::string at(const Row& row, size_t column) const;
+
+  /// Throws InputError that begins with the place.
+  template <class... Args>
+  [[noreturn]] void fail(int line, fmt::format_string<Args...> what, Args&&... args) const {
+    throw InputError(at(line) + ": " + fmt::format(what, std::forward<Args>(args)...));
+  }
+  template <class... Args>
+  [[noreturn]] void fail(const Row& row, size_t column, fmt::format_string<Args...> what, Args&&... args) const {
+    throw InputError(at(row, column) + ": " + fmt::format(what, std::forward<Args>(args)...));
+  }
 };
 
 /// Reads a file with fast-cpp-csv-parser. Throws InputError for a missing, unreadable, empty or binary file, an

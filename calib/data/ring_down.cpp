@@ -50,31 +50,26 @@ RingDown ring_down(const std::vector<double>& times, const std::vector<double>& 
   const Eigen::VectorXd y = Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(count));
   const double span = times.back() - times.front();
 
-  // Where to start: the best of a grid, fine enough for the width 1 / span of a peak.
   double w = 0, decay = 0, best = std::numeric_limits<double>::infinity();
+  const auto improves = [&](double other_w, double other_decay) {
+    const double squares = linear_part(t, y, other_w, other_decay).squares;
+    if (squares >= best) return false;
+    best = squares;
+    w = other_w;
+    decay = other_decay;
+    return true;
+  };
+  // Where to start: the best of a grid, fine enough for the width 1 / span of a peak.
   const int cycles = static_cast<int>(count) / 3;
   for (int i = 8; i <= 8 * cycles; ++i) {
-    for (double periods : {0.5, 3.0}) {  // that the motion decays by e^-1 over the span, or e^-3
-      const double here = 2 * M_PI * i / (8 * span), rate = 2 * periods / span;
-      const double squares = linear_part(t, y, here, rate).squares;
-      if (squares >= best) continue;
-      best = squares;
-      w = here;
-      decay = rate;
-    }
+    // That the motion decays by e^-1 over the span, or e^-3.
+    for (double periods : {0.5, 3.0}) improves(2 * M_PI * i / (8 * span), 2 * periods / span);
   }
   // Down along one axis after the other, with ever smaller steps.
-  double step = 0.5 / span;
-  while (step > 1e-9 / span) {
+  for (double step = 0.5 / span; step > 1e-9 / span;) {
     bool better = false;
-    for (const auto& [dw, dd] : {std::pair{step, 0.0}, {-step, 0.0}, {0.0, step}, {0.0, -step}}) {
-      const double squares = linear_part(t, y, w + dw, decay + dd).squares;
-      if (squares >= best) continue;
-      best = squares;
-      w += dw;
-      decay += dd;
-      better = true;
-    }
+    for (const auto& [dw, dd] : {std::pair{step, 0.0}, {-step, 0.0}, {0.0, step}, {0.0, -step}})
+      better = improves(w + dw, decay + dd) || better;
     if (!better) step *= 0.5;
   }
   const Linear last = linear_part(t, y, w, decay);

@@ -46,12 +46,6 @@ std::vector<std::string> lines_of(const fs::path& file) {
   return lines;
 }
 
-std::string joined(const std::vector<std::string>& lines) {
-  std::string text;
-  for (const std::string& line : lines) text += line + "\n";
-  return text;
-}
-
 /// Files below `folder`, relative to it, but for hidden ones of our own at its top.
 std::vector<std::string> files_below(const fs::path& folder) {
   std::vector<std::string> files;
@@ -64,11 +58,14 @@ std::vector<std::string> files_below(const fs::path& folder) {
   return files;
 }
 
+bool holds_run(const fs::path& folder) {
+  return fs::exists(folder / fit_file) || fs::exists(folder / simulation_file);
+}
+
 /// What the run that stands in a folder consists of.
 std::vector<std::string> listed(const fs::path& folder) {
   if (fs::exists(folder / list_file)) return lines_of(folder / list_file);
-  const bool run = fs::exists(folder / fit_file) || fs::exists(folder / simulation_file);
-  return run ? before_lists : std::vector<std::string>();
+  return holds_run(folder) ? before_lists : std::vector<std::string>();
 }
 
 /// Moves what a publish() has left to move. The list of files comes last, so that a kill at any point leaves the rest
@@ -112,11 +109,11 @@ RunFolder::RunFolder(std::string path, Kind kind) : path_(std::move(path)) {
         "{}: another taut is writing its run there; wait until it has ended, or choose another folder with --out",
         path_));
   }
-  const char* other = kind == Kind::fit ? simulation_file : fit_file;
-  if (fs::exists(fs::path(path_) / other)) {
+  const bool fits = kind == Kind::fit;
+  if (fs::exists(fs::path(path_) / (fits ? simulation_file : fit_file))) {
     close(lock_);
     throw InputError(fmt::format("{}: holds a {}, which a {} would replace; choose another folder with --out", path_,
-                                 kind == Kind::fit ? "simulation" : "fit", kind == Kind::fit ? "fit" : "simulation"));
+                                 fits ? "simulation" : "fit", fits ? "fit" : "simulation"));
   }
   try {
     roll_forward(path_);
@@ -146,9 +143,7 @@ std::string RunFolder::resume() const {
 }
 
 bool RunFolder::finished() const {
-  const fs::path folder(path_);
-  const bool run = fs::exists(folder / fit_file) || fs::exists(folder / simulation_file);
-  return run && !fs::exists(folder / unfinished_file);
+  return holds_run(path_) && !fs::exists(fs::path(path_) / unfinished_file);
 }
 
 void RunFolder::mark_unfinished() const {
@@ -165,7 +160,7 @@ void RunFolder::publish(Publish what) {
   }
   std::error_code ignored;
   fs::remove(fs::path(next()) / reserve_file, ignored);
-  write_file((fs::path(next()) / publish_file).string(), joined(files));
+  write_file((fs::path(next()) / publish_file).string(), join(files, "\n") + "\n");
   try {
     roll_forward(path_);
     fs::create_directories(next());

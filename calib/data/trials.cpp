@@ -25,9 +25,6 @@ bool contains(const std::vector<std::string>& names, std::string_view name) {
   return std::ranges::find(names, name) != names.end();
 }
 
-// ---------------------------------------------------------------------------------------------------------------------
-// Header to columns
-
 std::optional<HeaderUnit> any_unit(std::string_view header) {
   using enum Quantity;
   static const std::vector<Quantity> all = {length,       area, mass,  force,     pressure,  density,
@@ -39,29 +36,6 @@ std::optional<HeaderUnit> any_unit(std::string_view header) {
   }
 }
 
-/// Index of a column that the experiment needs. `purpose` says for what: "control 'load'".
-size_t find_column(const CsvTable& table, const std::string& name, std::string_view purpose) {
-  const std::vector<std::string>& names = table.header.cells;
-  const auto found = std::ranges::find(names, name);
-  if (found != names.end()) return static_cast<size_t>(found - names.begin());
-
-  std::string hint = did_you_mean(name, names);
-  if (const std::optional<HeaderUnit> wanted = any_unit(name)) {
-    for (const std::string& candidate : names) {
-      const std::optional<HeaderUnit> present = any_unit(candidate);
-      if (present && present->name == wanted->name) {
-        hint = fmt::format(" (there is '{}', in {} instead of {})", candidate, present->unit, wanted->unit);
-        break;
-      }
-    }
-  }
-  if (names.size() == 1) hint += " (columns are separated by commas, semicolons or tabs)";
-  throw InputError(fmt::format(
-      "{}: column '{}' for {} is missing; the header has: {}{}; write the same name in the header and in the "
-      "experiment file",
-      table.at(table.header.line), shown(name), purpose, listed(names), hint));
-}
-
 /// A column of numbers and what its cells are multiplied by.
 struct NumberColumn {
   size_t index = 0;
@@ -69,270 +43,293 @@ struct NumberColumn {
   Quantity quantity = Quantity::pure;
 };
 
-NumberColumn number_column(const CsvTable& table, const std::string& name, const std::vector<Quantity>& allowed,
-                           const std::string& purpose) {
-  const size_t index = find_column(table, name, purpose);
-  const HeaderUnit unit = parse_header(name, allowed, table.at(table.header.line) + ", " + purpose);
-  return {index, unit.factor, unit.quantity};
-}
-
-/// Where everything stands and how numbers are written. In long files `values` holds the same column for each channel.
-struct Columns {
+/// A file with what its columns mean. In long files `values` holds the same column for each channel.
+struct Sheet {
+  const BenchFormat& format;
+  CsvTable table;
   std::optional<size_t> trial, channel;
   std::vector<NumberColumn> controls, values, sigmas;
   bool decimal_commas = false;
 
-  std::vector<size_t> of_numbers() const {
+  Sheet(const BenchFormat& of, const std::string& path) : format(of), table(read_csv(path)) {}
+
+  // Header to columns
+
+  /// Index of a column that the experiment needs. `purpose` says for what: "control 'load'".
+  size_t find_column(const std::string& name, std::string_view purpose) const {
+    const std::vector<std::string>& names = table.header.cells;
+    const auto found = std::ranges::find(names, name);
+    if (found != names.end()) return static_cast<size_t>(found - names.begin());
+
+    std::string hint = did_you_mean(name, names);
+    if (const std::optional<HeaderUnit> wanted = any_unit(name)) {
+      for (const std::string& candidate : names) {
+        const std::optional<HeaderUnit> present = any_unit(candidate);
+        if (!present || present->name != wanted->name) continue;
+        hint = fmt::format(" (there is '{}', in {} instead of {})", candidate, present->unit, wanted->unit);
+        break;
+      }
+    }
+    if (names.size() == 1) hint += " (columns are separated by commas, semicolons or tabs)";
+    table.fail(table.header.line,
+               "column '{}' for {} is missing; the header has: {}{}; write the same name in the header and in the "
+               "experiment file",
+               shown(name), purpose, listed(names), hint);
+  }
+
+  NumberColumn number_column(const std::string& name, const std::vector<Quantity>& allowed,
+                             const std::string& purpose) const {
+    const size_t index = find_column(name, purpose);
+    const HeaderUnit unit = parse_header(name, allowed, table.at(table.header.line) + ", " + purpose);
+    return {index, unit.factor, unit.quantity};
+  }
+
+  void find_columns() {
+    if (!format.trial_column.empty()) trial = find_column(format.trial_column, "the trial");
+    for (const BenchFormat::Control& control : format.controls)
+      controls.push_back(number_column(control.column, control.quantities, fmt::format("control '{}'", control.id)));
+    if (!format.channel_column.empty()) channel = find_column(format.channel_column, "the channel's name");
+    for (const auto& [id, column, quantity, noise] : format.channels) {
+      values.push_back(
+          number_column(channel ? format.value_column : column, {quantity}, fmt::format("channel '{}'", id)));
+      if (!format.sigma_column.empty())
+        sigmas.push_back(number_column(format.sigma_column, {quantity}, fmt::format("sigma of channel '{}'", id)));
+    }
+    std::set<size_t> used = number_columns();
+    if (trial) used.insert(*trial);
+    if (channel) used.insert(*channel);
+    for (size_t i = 0; i < table.header.cells.size(); ++i) {
+      const std::string& name = table.header.cells[i];
+      if (!used.contains(i) && !contains(format.ignored, name))
+        table.fail(table.header.line,
+                   "column '{}' is not used by the experiment; use it as a control or channel, or list it under ignore",
+                   shown(name));
+    }
+  }
+
+  std::set<size_t> number_columns() const {
     std::set<size_t> indices;
     for (const auto* group : {&controls, &values, &sigmas}) {
       for (const NumberColumn& column : *group) indices.insert(column.index);
     }
-    return {indices.begin(), indices.end()};
+    return indices;
+  }
+
+  /// That there are rows, and how they write numbers. `what` is in each.
+  void check_rows(std::string_view what) {
+    if (table.rows.empty())
+      table.fail(table.header.line, "there is a header but no row below it; add one row per {}", what);
+    check_cell_counts(table);
+    decimal_commas = has_decimal_commas();
+  }
+
+  // Cells to numbers
+
+  /// Text of a cell that must hold something.
+  const std::string& text_in(const Row& row, size_t column) const {
+    if (row.cells[column].empty())
+      table.fail(row, column,
+                 "the cell is empty; fill it in or delete the row (a reading that was not taken has no row)");
+    return row.cells[column];
+  }
+
+  /// Whether the file writes decimal commas; all its numbers must agree.
+  bool has_decimal_commas() const {
+    struct Seen {
+      const Row* row;
+      size_t column;
+    };
+    const auto text = [](const Seen& seen) { return shown(seen.row->cells[seen.column]); };
+    const std::set<size_t> columns = number_columns();
+    std::optional<Seen> comma, point;
+    for (const Row& row : table.rows) {
+      for (const size_t column : columns) {
+        const std::string& cell = row.cells[column];
+        if (cell.find_first_not_of("0123456789+-.,eE") != std::string::npos) continue;
+        const auto commas = std::ranges::count(cell, ',');
+        const auto points = std::ranges::count(cell, '.');
+        if (commas + points > 1)
+          table.fail(row, column,
+                     "'{}' has more than one comma or point; write numbers without thousands separators, like 1234.5",
+                     shown(cell));
+        if (commas == 1 && table.separator == ',')
+          table.fail(
+              row, column,
+              "'{}' has a decimal comma in a file that is separated by commas; write a decimal point, or separate "
+              "the cells by semicolons or tabs",
+              shown(cell));
+        if (commas == 1 && !comma) comma = Seen{&row, column};
+        if (points == 1 && !point) point = Seen{&row, column};
+        if (comma && point)
+          table.fail(
+              *comma->row, comma->column,
+              "'{}' has a decimal comma, but '{}' in line {}, column '{}' has a decimal point; use one of them in "
+              "the whole file",
+              text(*comma), text(*point), point->row->line, shown(table.header.cells[point->column]));
+      }
+    }
+    return comma.has_value();
+  }
+
+  double number_in(const Row& row, const NumberColumn& column) const {
+    const std::string& cell = text_in(row, column.index);
+    std::string text = cell;
+    if (decimal_commas) std::ranges::replace(text, ',', '.');
+    if (const std::optional<double> number = parse_number(text)) return *number * column.factor;
+    const bool ascii = std::ranges::all_of(cell, [](char c) { return static_cast<unsigned char>(c) < 0x80; });
+    table.fail(row, column.index,
+               "'{}' is not a finite number{}; write a number like 12.5 or 1.25e1 without a unit, or delete the row",
+               shown(cell), ascii ? "" : " (it holds a special character, perhaps a long minus sign or a blank)");
+  }
+
+  std::vector<double> controls_in(const Row& row) const {
+    std::vector<double> numbers;
+    for (const NumberColumn& control : controls) numbers.push_back(number_in(row, control));
+    return numbers;
+  }
+
+  // Rows to readings
+
+  /// Channel that a row of a long file belongs to.
+  size_t channel_in(const Row& row, const std::vector<std::string>& ids) const {
+    const std::string& id = text_in(row, *channel);
+    const auto found = std::ranges::find(ids, id);
+    if (found == ids.end())
+      table.fail(row, *channel,
+                 "'{}' is not a channel of the experiment{}; it has: {}; correct the cell or add a [[channel]]",
+                 shown(id), did_you_mean(id, ids), listed(ids));
+    return static_cast<size_t>(found - ids.begin());
+  }
+
+  double sigma_of(const Row& row, const Reading& reading) const {
+    const size_t k = static_cast<size_t>(reading.channel);
+    if (!sigmas.empty()) {
+      const double sigma = number_in(row, sigmas[k]);
+      if (!(sigma > 0))
+        table.fail(row, sigmas[k].index,
+                   "sigma is '{}', but a standard deviation is positive; correct the cell or delete the row",
+                   shown(row.cells[sigmas[k].index]));
+      return sigma;
+    }
+    const double sigma = format.channels[k].noise.sigma(reading.value);
+    const size_t column = values[k].index;
+    if (!(sigma > 0) || !std::isfinite(sigma))
+      table.fail(row, column,
+                 "the noise of channel '{}' gives sigma = {} for the reading '{}'; add absolute or resolution to its "
+                 "[[channel]]",
+                 format.channels[k].id, sigma, shown(row.cells[column]));
+    return sigma;
+  }
+
+  [[noreturn]] void fail_twice(const Row& row, const Reading& reading, int first_line) const {
+    std::string condition;
+    for (const NumberColumn& control : controls)
+      condition += fmt::format(", {} = {}", shown(table.header.cells[control.index]), shown(row.cells[control.index]));
+    table.fail(
+        row.line,
+        "the reading of channel '{}' stands twice, first in line {} (trial '{}'{}); give repeats different trials "
+        "in column '{}', or delete one",
+        format.channels[static_cast<size_t>(reading.channel)].id, first_line, shown(reading.trial), condition,
+        shown(format.trial_column));
+  }
+
+  std::vector<std::string> remarks_of(const Trials& trials) const {
+    std::vector<std::string> remarks;
+    const size_t channels = trials.channel_ids.size();
+    std::map<std::vector<double>, std::vector<size_t>> repeats;  // by controls: of each channel
+    for (const Reading& reading : trials.readings)
+      ++repeats.try_emplace(reading.controls, channels, 0).first->second[static_cast<size_t>(reading.channel)];
+    size_t fewest = trials.readings.size(), most = 0;
+    for (const auto& [controls_of, counts] : repeats) {
+      const auto [low, high] = std::ranges::minmax(counts);
+      fewest = std::min(fewest, low);
+      most = std::max(most, high);
+    }
+    const bool regular = fewest == most;
+    std::string summary = counted(trials.readings.size(), "reading", "readings") + ": " +
+                          counted(repeats.size(), "condition", "conditions");
+    if (channels > 1) summary += fmt::format("{}{} channels", regular ? " x " : ", ", channels);
+    summary += regular ? " x " + counted(most, "trial", "trials") : fmt::format(", {} to {} trials each", fewest, most);
+    remarks.push_back(summary);
+
+    const std::string separators = table.separator == ';' ? "semicolons" : table.separator == '\t' ? "tabs" : "";
+    if (!separators.empty())
+      remarks.push_back(separators + (decimal_commas ? " and decimal commas" : " between cells"));
+    if (table.byte_order_mark) remarks.emplace_back("byte order mark (BOM) skipped");
+    if (table.carriage_returns) remarks.emplace_back("CRLF line ends");
+    if (table.comments > 0)
+      remarks.push_back(counted(static_cast<size_t>(table.comments), "comment line", "comment lines") + " skipped");
+    std::vector<std::string> ignored;
+    std::ranges::copy_if(table.header.cells, std::back_inserter(ignored),
+                         [&](const std::string& name) { return contains(format.ignored, name); });
+    if (!ignored.empty()) remarks.push_back("columns ignored: " + listed(ignored));
+    return remarks;
   }
 };
 
-Columns find_columns(const BenchFormat& format, const CsvTable& table) {
-  Columns columns;
-  if (!format.trial_column.empty()) columns.trial = find_column(table, format.trial_column, "the trial");
-  for (const BenchFormat::Control& control : format.controls) {
-    columns.controls.push_back(
-        number_column(table, control.column, control.quantities, fmt::format("control '{}'", control.id)));
-  }
-  if (!format.channel_column.empty()) {
-    columns.channel = find_column(table, format.channel_column, "the channel's name");
-  }
-  for (const BenchFormat::Channel& channel : format.channels) {
-    const std::string& column = columns.channel ? format.value_column : channel.column;
-    columns.values.push_back(number_column(table, column, {channel.quantity}, fmt::format("channel '{}'", channel.id)));
-    if (!format.sigma_column.empty()) {
-      columns.sigmas.push_back(number_column(table, format.sigma_column, {channel.quantity},
-                                             fmt::format("sigma of channel '{}'", channel.id)));
-    }
-  }
-
-  std::set<size_t> used;
-  for (const size_t index : columns.of_numbers()) used.insert(index);
-  if (columns.trial) used.insert(*columns.trial);
-  if (columns.channel) used.insert(*columns.channel);
-  for (size_t i = 0; i < table.header.cells.size(); ++i) {
-    const std::string& name = table.header.cells[i];
-    if (used.contains(i) || contains(format.ignored, name)) continue;
-    throw InputError(fmt::format(
-        "{}: column '{}' is not used by the experiment; use it as a control or channel, or list it under ignore",
-        table.at(table.header.line), shown(name)));
-  }
-  return columns;
-}
-
-// ---------------------------------------------------------------------------------------------------------------------
-// Cells to numbers
-
-/// Text of a cell that must hold something.
-const std::string& text_in(const CsvTable& table, const Row& row, size_t column) {
-  if (!row.cells[column].empty()) return row.cells[column];
-  throw InputError(
-      fmt::format("{}: the cell is empty; fill it in or delete the row (a reading that was not taken has "
-                  "no row)",
-                  table.at(row, column)));
-}
-
-/// Whether the file writes decimal commas; all its numbers must agree.
-bool has_decimal_commas(const CsvTable& table, const std::vector<size_t>& number_columns) {
-  struct Seen {
-    const Row* row;
-    size_t column;
-  };
-  const auto text = [](const Seen& seen) { return shown(seen.row->cells[seen.column]); };
-  std::optional<Seen> comma, point;
-  for (const Row& row : table.rows) {
-    for (const size_t column : number_columns) {
-      const std::string& cell = row.cells[column];
-      if (cell.find_first_not_of("0123456789+-.,eE") != std::string::npos) continue;
-      const auto commas = std::ranges::count(cell, ',');
-      const auto points = std::ranges::count(cell, '.');
-      if (commas + points > 1) {
-        throw InputError(
-            fmt::format("{}: '{}' has more than one comma or point; write numbers without thousands "
-                        "separators, like 1234.5",
-                        table.at(row, column), shown(cell)));
-      }
-      if (commas == 1 && table.separator == ',') {
-        throw InputError(
-            fmt::format("{}: '{}' has a decimal comma in a file that is separated by commas; write a "
-                        "decimal point, or separate the cells by semicolons or tabs",
-                        table.at(row, column), shown(cell)));
-      }
-      if (commas == 1 && !comma) comma = Seen{&row, column};
-      if (points == 1 && !point) point = Seen{&row, column};
-      if (comma && point) {
-        throw InputError(
-            fmt::format("{}: '{}' has a decimal comma, but '{}' in line {}, column '{}' has a decimal point; use "
-                        "one of them in the whole file",
-                        table.at(*comma->row, comma->column), text(*comma), text(*point), point->row->line,
-                        shown(table.header.cells[point->column])));
-      }
-    }
-  }
-  return comma.has_value();
-}
-
-double number_in(const CsvTable& table, const Row& row, size_t column, bool decimal_commas) {
-  const std::string& cell = text_in(table, row, column);
-  std::string text = cell;
-  if (decimal_commas) std::ranges::replace(text, ',', '.');
-  if (const std::optional<double> number = parse_number(text)) return *number;
-  const bool ascii = std::ranges::all_of(cell, [](char c) { return static_cast<unsigned char>(c) < 0x80; });
-  throw InputError(
-      fmt::format("{}: '{}' is not a finite number{}; write a number like 12.5 or 1.25e1 without a unit, "
-                  "or delete the row",
-                  table.at(row, column), shown(cell),
-                  ascii ? "" : " (it holds a special character, perhaps a long minus sign or a blank)"));
-}
-
-// ---------------------------------------------------------------------------------------------------------------------
-// Rows to readings
-
 /// Mistakes in the description of the file, which no file can mend.
-void check_format(const BenchFormat& format) {
-  const auto fail = [&](const std::string& what) {
-    throw InputError(fmt::format("experiment file, bench {}: {}", format.path, what));
-  };
-  if (format.channels.empty()) fail("there is no channel; describe each measured quantity in a [[channel]]");
-  if (format.channel_column.empty() != format.value_column.empty()) {
-    fail(
-        "a long file needs both a channel column and a value column; give both, or neither for one column per channel");
-  }
-  const bool is_long = !format.channel_column.empty();
-  std::map<std::string, std::string> purposes;
-  const auto use = [&](const std::string& column, const std::string& purpose) {
-    if (column.empty()) fail(fmt::format("{} has no column; name the column of the file that holds it", purpose));
-    const auto [previous, is_new] = purposes.emplace(column, purpose);
-    if (!is_new) {
-      fail(fmt::format("column '{}' is used for {} and for {}; use a column once", column, previous->second, purpose));
-    }
-  };
-  std::set<std::string> ids;
-  for (const BenchFormat::Control& control : format.controls) {
-    use(control.column, fmt::format("control '{}'", control.id));
-    if (!ids.insert(control.id).second) fail(fmt::format("the name '{}' stands twice; rename one", control.id));
-  }
-  for (const BenchFormat::Channel& channel : format.channels) {
-    if (!is_long) {
-      use(channel.column, fmt::format("channel '{}'", channel.id));
-    } else if (!channel.column.empty()) {
-      fail(fmt::format("channel '{}' has its own column '{}' in a long file; remove it, or the channel column",
-                       channel.id, channel.column));
-    }
-    if (!ids.insert(channel.id).second) fail(fmt::format("the name '{}' stands twice; rename one", channel.id));
-    const InstrumentNoise& noise = channel.noise;
-    for (const double part : {noise.absolute, noise.relative, noise.resolution}) {
-      if (std::isfinite(part) && part >= 0) continue;
-      fail(fmt::format("noise of channel '{}' has the value {}; it must be 0 or positive", channel.id, part));
-    }
-    const bool silent = noise.absolute == 0 && noise.relative == 0 && noise.resolution == 0;
-    if (format.sigma_column.empty() && silent) {
+class FormatCheck {
+ public:
+  explicit FormatCheck(const BenchFormat& format) : format_(format), is_long_(!format.channel_column.empty()) {}
+
+  void run() {
+    if (format_.channels.empty()) fail("there is no channel; describe each measured quantity in a [[channel]]");
+    if (is_long_ == format_.value_column.empty())
       fail(
-          fmt::format("channel '{}' has no noise; give absolute, relative or resolution in its [[channel]], or a "
-                      "sigma column",
-                      channel.id));
+          "a long file needs both a channel column and a value column; give both, or neither for one column per "
+          "channel");
+    for (const BenchFormat::Control& control : format_.controls) {
+      use(control.column, fmt::format("control '{}'", control.id));
+      name(control.id);
+    }
+    for (const BenchFormat::Channel& channel : format_.channels) check(channel);
+    for (const auto& [column, purpose] : {std::pair(&format_.channel_column, "the channel's name"),
+                                          {&format_.value_column, "the reading"},
+                                          {&format_.trial_column, "the trial"},
+                                          {&format_.sigma_column, "sigma"}}) {
+      if (!column->empty()) use(*column, purpose);
+    }
+    for (const std::string& column : format_.ignored) {
+      if (purposes_.contains(column))
+        fail("column '{}' is ignored and used for {}; do one of them", column, purposes_[column]);
     }
   }
-  if (is_long) use(format.channel_column, "the channel's name");
-  if (is_long) use(format.value_column, "the reading");
-  if (!format.trial_column.empty()) use(format.trial_column, "the trial");
-  if (!format.sigma_column.empty()) use(format.sigma_column, "sigma");
-  for (const std::string& column : format.ignored) {
-    if (purposes.contains(column)) {
-      fail(fmt::format("column '{}' is ignored and used for {}; do one of them", column, purposes[column]));
-    }
-  }
-}
 
-/// Channel that a row of a long file belongs to.
-int channel_in(const CsvTable& table, const Row& row, size_t column, const std::vector<std::string>& ids) {
-  const std::string& id = text_in(table, row, column);
-  const auto found = std::ranges::find(ids, id);
-  if (found != ids.end()) return static_cast<int>(found - ids.begin());
-  throw InputError(
-      fmt::format("{}: '{}' is not a channel of the experiment{}; it has: {}; correct the cell or add a "
-                  "[[channel]]",
-                  table.at(row, column), shown(id), did_you_mean(id, ids), listed(ids)));
-}
-
-double sigma_of(const BenchFormat& format, const CsvTable& table, const Row& row, const Columns& columns,
-                const Reading& reading) {
-  const size_t channel = static_cast<size_t>(reading.channel);
-  if (!columns.sigmas.empty()) {
-    const NumberColumn& column = columns.sigmas[channel];
-    const double sigma = number_in(table, row, column.index, columns.decimal_commas) * column.factor;
-    if (sigma > 0) return sigma;
+ private:
+  template <class... Args>
+  [[noreturn]] void fail(fmt::format_string<Args...> what, Args&&... args) const {
     throw InputError(
-        fmt::format("{}: sigma is '{}', but a standard deviation is positive; correct the cell or delete "
-                    "the row",
-                    table.at(row, column.index), shown(row.cells[column.index])));
+        fmt::format("experiment file, bench {}: {}", format_.path, fmt::format(what, std::forward<Args>(args)...)));
   }
-  const double sigma = format.channels[channel].noise.sigma(reading.value);
-  if (sigma > 0 && std::isfinite(sigma)) return sigma;
-  const size_t column = columns.values[channel].index;
-  throw InputError(
-      fmt::format("{}: the noise of channel '{}' gives sigma = {} for the reading '{}'; add absolute or "
-                  "resolution to its [[channel]]",
-                  table.at(row, column), format.channels[channel].id, sigma, shown(row.cells[column])));
-}
-
-using ReadingKey = std::tuple<std::string, std::vector<double>, int>;
-
-[[noreturn]] void fail_twice(const BenchFormat& format, const CsvTable& table, const Row& row, const Columns& columns,
-                             const Reading& reading, int first_line) {
-  std::string condition;
-  for (const NumberColumn& control : columns.controls) {
-    condition += fmt::format(", {} = {}", shown(table.header.cells[control.index]), shown(row.cells[control.index]));
+  void use(const std::string& column, const std::string& purpose) {
+    if (column.empty()) fail("{} has no column; name the column of the file that holds it", purpose);
+    const auto [previous, is_new] = purposes_.emplace(column, purpose);
+    if (!is_new) fail("column '{}' is used for {} and for {}; use a column once", column, previous->second, purpose);
   }
-  throw InputError(
-      fmt::format("{}: the reading of channel '{}' stands twice, first in line {} (trial '{}'{}); give "
-                  "repeats different trials in column '{}', or delete one",
-                  table.at(row.line), format.channels[static_cast<size_t>(reading.channel)].id, first_line,
-                  shown(reading.trial), condition, shown(format.trial_column)));
-}
-
-std::vector<std::string> remarks_of(const CsvTable& table, const BenchFormat& format, const Columns& columns,
-                                    const Trials& trials) {
-  std::vector<std::string> remarks;
-  std::map<std::vector<double>, std::map<int, size_t>> repeats;
-  for (const Reading& reading : trials.readings) ++repeats[reading.controls][reading.channel];
-  const size_t channels = trials.channel_ids.size();
-  size_t fewest = trials.readings.size();
-  size_t most = 0;
-  for (auto& [controls, counts] : repeats) {
-    for (size_t channel = 0; channel < channels; ++channel) {
-      const size_t count = counts[static_cast<int>(channel)];
-      fewest = std::min(fewest, count);
-      most = std::max(most, count);
+  void name(const std::string& id) {
+    if (!ids_.insert(id).second) fail("the name '{}' stands twice; rename one", id);
+  }
+  void check(const BenchFormat::Channel& channel) {
+    if (!is_long_) use(channel.column, fmt::format("channel '{}'", channel.id));
+    if (is_long_ && !channel.column.empty())
+      fail("channel '{}' has its own column '{}' in a long file; remove it, or the channel column", channel.id,
+           channel.column);
+    name(channel.id);
+    const auto& [absolute, relative, resolution] = channel.noise;
+    for (const double part : {absolute, relative, resolution}) {
+      if (!std::isfinite(part) || part < 0)
+        fail("noise of channel '{}' has the value {}; it must be 0 or positive", channel.id, part);
     }
+    if (format_.sigma_column.empty() && absolute == 0 && relative == 0 && resolution == 0)
+      fail("channel '{}' has no noise; give absolute, relative or resolution in its [[channel]], or a sigma column",
+           channel.id);
   }
-  const bool regular = fewest == most;
-  std::string summary = counted(trials.readings.size(), "reading", "readings") + ": " +
-                        counted(repeats.size(), "condition", "conditions");
-  if (channels > 1) summary += fmt::format("{}{} channels", regular ? " x " : ", ", channels);
-  summary += regular ? " x " + counted(most, "trial", "trials") : fmt::format(", {} to {} trials each", fewest, most);
-  remarks.push_back(summary);
 
-  const std::string separators = table.separator == ';' ? "semicolons" : table.separator == '\t' ? "tabs" : "";
-  if (!separators.empty()) {
-    remarks.push_back(separators + (columns.decimal_commas ? " and decimal commas" : " between cells"));
-  }
-  if (table.byte_order_mark) remarks.emplace_back("byte order mark (BOM) skipped");
-  if (table.carriage_returns) remarks.emplace_back("CRLF line ends");
-  if (table.comments > 0) {
-    remarks.push_back(counted(static_cast<size_t>(table.comments), "comment line", "comment lines") + " skipped");
-  }
-  std::vector<std::string> ignored;
-  for (const std::string& name : table.header.cells) {
-    if (contains(format.ignored, name)) ignored.push_back(name);
-  }
-  if (!ignored.empty()) remarks.push_back("columns ignored: " + listed(ignored));
-  return remarks;
-}
+  const BenchFormat& format_;
+  bool is_long_;
+  std::map<std::string, std::string> purposes_;
+  std::set<std::string> ids_;
+};
 
 }  // namespace
 
@@ -341,88 +338,60 @@ double InstrumentNoise::sigma(double reading) const {
 }
 
 Trials read_trials(const BenchFormat& format) {
-  check_format(format);
-  const CsvTable table = read_csv(format.path);
-  Columns columns = find_columns(format, table);
-  if (table.rows.empty()) {
-    throw InputError(
-        fmt::format("{}: there is a header but no row below it; add one row per reading", table.at(table.header.line)));
-  }
-  check_cell_counts(table);
-  columns.decimal_commas = has_decimal_commas(table, columns.of_numbers());
+  FormatCheck(format).run();
+  Sheet sheet(format, format.path);
+  sheet.find_columns();
+  sheet.check_rows("reading");
 
   Trials trials;
+  trials.control_values.resize(format.controls.size());
   for (size_t i = 0; i < format.controls.size(); ++i) {
     trials.control_ids.push_back(format.controls[i].id);
-    trials.control_quantities.push_back(columns.controls[i].quantity);
+    trials.control_quantities.push_back(sheet.controls[i].quantity);
   }
   for (const BenchFormat::Channel& channel : format.channels) trials.channel_ids.push_back(channel.id);
 
-  std::map<ReadingKey, int> first_lines;
-  for (const Row& row : table.rows) {
+  std::map<std::tuple<std::string, std::vector<double>, int>, int> first_lines;
+  for (const Row& row : sheet.table.rows) {
     Reading reading;
     reading.line = row.line;
-    if (columns.trial) reading.trial = text_in(table, row, *columns.trial);
-    for (const NumberColumn& control : columns.controls) {
-      reading.controls.push_back(number_in(table, row, control.index, columns.decimal_commas) * control.factor);
-    }
-    int first = 0;
-    int last = static_cast<int>(format.channels.size()) - 1;
-    if (columns.channel) first = last = channel_in(table, row, *columns.channel, trials.channel_ids);
-    for (int channel = first; channel <= last; ++channel) {
-      const NumberColumn& value = columns.values[static_cast<size_t>(channel)];
-      reading.channel = channel;
-      reading.value = number_in(table, row, value.index, columns.decimal_commas) * value.factor;
-      reading.sigma = sigma_of(format, table, row, columns, reading);
-      if (columns.trial) {
-        const auto [previous, is_new] =
-            first_lines.emplace(ReadingKey{reading.trial, reading.controls, channel}, row.line);
-        if (!is_new) fail_twice(format, table, row, columns, reading, previous->second);
-      }
+    if (sheet.trial) reading.trial = sheet.text_in(row, *sheet.trial);
+    reading.controls = sheet.controls_in(row);
+    for (size_t k = 0; k < reading.controls.size(); ++k) trials.control_values[k].insert(reading.controls[k]);
+    size_t first = 0, last = format.channels.size() - 1;
+    if (sheet.channel) first = last = sheet.channel_in(row, trials.channel_ids);
+    for (size_t channel = first; channel <= last; ++channel) {
+      reading.channel = static_cast<int>(channel);
+      reading.value = sheet.number_in(row, sheet.values[channel]);
+      reading.sigma = sheet.sigma_of(row, reading);
+      const auto [previous, is_new] =
+          first_lines.try_emplace({reading.trial, reading.controls, reading.channel}, row.line);
+      if (sheet.trial && !is_new) sheet.fail_twice(row, reading, previous->second);
       trials.readings.push_back(reading);
     }
   }
-  trials.control_values.resize(trials.control_ids.size());
-  for (const Reading& reading : trials.readings) {
-    for (size_t k = 0; k < reading.controls.size(); ++k) trials.control_values[k].insert(reading.controls[k]);
-  }
-  trials.remarks = remarks_of(table, format, columns, trials);
+  trials.remarks = sheet.remarks_of(trials);
   return trials;
 }
 
 std::vector<LoadRow> read_load_rows(const BenchFormat& format, const std::string& path) {
-  const CsvTable table = read_csv(path);
-  std::vector<NumberColumn> controls;
-  std::vector<size_t> indices;
-  for (const BenchFormat::Control& control : format.controls) {
-    controls.push_back(number_column(table, control.column, control.quantities, "load"));
-    indices.push_back(controls.back().index);
-  }
+  Sheet sheet(format, path);
   std::vector<std::string> known = format.ignored;
-  for (const std::string* name :
-       {&format.trial_column, &format.channel_column, &format.value_column, &format.sigma_column})
-    known.push_back(*name);
-  for (const BenchFormat::Control& control : format.controls) known.push_back(control.column);
+  known.insert(known.end(), {format.trial_column, format.channel_column, format.value_column, format.sigma_column});
+  for (const BenchFormat::Control& control : format.controls) {
+    sheet.controls.push_back(sheet.number_column(control.column, control.quantities, "load"));
+    known.push_back(control.column);
+  }
   for (const BenchFormat::Channel& channel : format.channels) known.push_back(channel.column);
-  for (size_t column = 0; column < table.header.cells.size(); ++column) {
-    const std::string& name = table.header.cells[column];
-    if (!contains(known, name)) {
-      throw InputError(fmt::format("{}: the experiment knows no such column{}; delete it",
-                                   table.at(table.header, column), did_you_mean(name, known)));
-    }
+  const Row& header = sheet.table.header;
+  for (size_t column = 0; column < header.cells.size(); ++column) {
+    if (!contains(known, header.cells[column]))
+      sheet.table.fail(header, column, "the experiment knows no such column{}; delete it",
+                       did_you_mean(header.cells[column], known));
   }
-  if (table.rows.empty())
-    throw InputError(
-        fmt::format("{}: there is a header but no row below it; add one row per load", table.at(table.header.line)));
-  check_cell_counts(table);
-  const bool decimal_commas = has_decimal_commas(table, indices);
+  sheet.check_rows("load");
   std::vector<LoadRow> rows;
-  for (const Row& row : table.rows) {
-    LoadRow& load = rows.emplace_back();
-    load.line = row.line;
-    for (const NumberColumn& control : controls)
-      load.controls.push_back(number_in(table, row, control.index, decimal_commas) * control.factor);
-  }
+  for (const Row& row : sheet.table.rows) rows.push_back({row.line, sheet.controls_in(row)});
   return rows;
 }
 

@@ -6,6 +6,7 @@
 #include <Eigen/QR>
 #include <Eigen/SVD>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
@@ -21,12 +22,21 @@ namespace {
 constexpr double z95 = 1.959963984540054;   ///< 97.5 % quantile of the normal distribution
 constexpr double profile_rise = z95 * z95;  ///< rise of chi squared at the ends of a 95 % profile interval
 
-/// The scale on which a parameter is fitted: its logarithm for moduli and stiffnesses, itself otherwise.
+/// A free parameter on the scale on which it is fitted: its logarithm for moduli and stiffnesses, itself otherwise.
 struct Scale {
   bool logarithmic;
+  double lower = 0, upper = 0;  ///< bounds, fitted scale
+
   double inside(double si) const { return logarithmic ? std::log(si) : si; }
   double outside(double q) const { return logarithmic ? std::exp(q) : q; }
   double slope(double si) const { return logarithmic ? si : 1.0; }  ///< d outside / d inside
+  double clamped(double q) const { return std::clamp(q, lower, upper); }
+  double room(double q) const { return std::min(q - lower, upper - q); }
+  /// What a change of the parameter at q is compared with: one for a logarithm, else the range that it may have.
+  double range(double q) const {
+    if (logarithmic) return 1;
+    return std::isfinite(upper - lower) ? upper - lower : std::max(std::abs(q), 1e-12);
+  }
 };
 
 /// Noise-scaled residuals (predicted - measured) / sigma and their derivatives on the fitted scale, evaluated for
@@ -39,47 +49,50 @@ class Evaluator {
       : protocol_(protocol), measurements_(measurements), free_(free), options_(options) {
     for (const FreeParameter& parameter : free) {
       indices_.push_back(parameter.index);
-      scales_.push_back({protocol.parameters()[parameter.index].logarithmic});
+      Scale& scale = scales_.emplace_back(Scale{protocol.parameters()[parameter.index].logarithmic});
+      scale.lower = scale.inside(parameter.lower);
+      scale.upper = scale.inside(parameter.upper);
     }
   }
 
-  const Scale& scale(size_t j) const { return scales_[j]; }
-  size_t count() const { return free_.size(); }
+  const Scale& scale(Eigen::Index j) const { return scales_[static_cast<size_t>(j)]; }
+  Eigen::Index count() const { return static_cast<Eigen::Index>(free_.size()); }
+  int residual_count() const { return static_cast<int>(measurements_.size()); }
   bool stopped() const { return options_.stop != nullptr && options_.stop->load(); }
 
-  Params params(const double* q) const {
+  /// The free parameters in SI.
+  std::vector<double> values(const Eigen::VectorXd& q) const {
+    std::vector<double> si;
+    for (Eigen::Index j = 0; j < count(); ++j) si.push_back(scale(j).outside(q[j]));
+    return si;
+  }
+
+  Params params(const Eigen::VectorXd& q) const {
     Params p = options_.held.size() > 0 ? options_.held : protocol_.nominal();
-    for (size_t j = 0; j < count(); ++j) {
-      const double si = scales_[j].outside(q[j]);
-      p[indices_[j]] = std::clamp(si, free_[j].lower, free_[j].upper);
-    }
+    const std::vector<double> si = values(q);
+    for (size_t j = 0; j < si.size(); ++j) p[indices_[j]] = std::clamp(si[j], free_[j].lower, free_[j].upper);
     return p;
   }
 
   /// False when a simulation failed.
-  bool evaluate(const double* q) {
-    const Eigen::Map<const Eigen::VectorXd> point(q, static_cast<Eigen::Index>(count()));
-    if (point_.size() > 0 && point_ == point) return ok_;
-    point_ = point;
+  bool evaluate(const Eigen::VectorXd& q) {
+    if (point_.size() > 0 && point_ == q) return ok_;
+    point_ = q;
     ++evaluations;
     prediction_ = protocol_.predict(params(q), indices_);
     ok_ = prediction_.complete();
     if (!ok_) {
       ++failed;
-      last_failure = point;
+      last_failure = q;
       for (const std::string& failure : prediction_.failures) {
         if (failures.size() < 5) failures.push_back(failure);
       }
       return false;
     }
-    for (size_t j = 0; j < count(); ++j) {
-      prediction_.derivatives.col(static_cast<Eigen::Index>(j)) *= scales_[j].slope(scales_[j].outside(q[j]));
-    }
-    if (options_.progress) {
-      FitProgress progress{evaluations, residuals().squaredNorm(), {}};
-      for (size_t j = 0; j < count(); ++j) progress.values.push_back(scales_[j].outside(q[j]));
-      options_.progress(progress);
-    }
+    const std::vector<double> si = values(q);
+    for (Eigen::Index j = 0; j < count(); ++j)
+      prediction_.derivatives.col(j) *= scale(j).slope(si[static_cast<size_t>(j)]);
+    if (options_.progress) options_.progress({evaluations, chi_squared(), si});
     return true;
   }
 
@@ -90,24 +103,11 @@ class Evaluator {
   }
 
   const Prediction& prediction() const { return prediction_; }
-  std::vector<double> point() const { return {point_.begin(), point_.end()}; }  ///< of the newest evaluation
+  const Eigen::VectorXd& point() const { return point_; }  ///< of the newest evaluation
 
-  Eigen::VectorXd residuals() const {
-    Eigen::VectorXd r(static_cast<Eigen::Index>(measurements_.size()));
-    for (size_t i = 0; i < measurements_.size(); ++i) {
-      const Measurement& m = measurements_[i];
-      r[static_cast<Eigen::Index>(i)] = (prediction_.values[m.row] - m.value) / m.sigma;
-    }
-    return r;
-  }
-
-  Eigen::MatrixXd jacobian() const {
-    Eigen::MatrixXd J(static_cast<Eigen::Index>(measurements_.size()), static_cast<Eigen::Index>(count()));
-    for (size_t i = 0; i < measurements_.size(); ++i) {
-      J.row(static_cast<Eigen::Index>(i)) = prediction_.derivatives.row(measurements_[i].row) / measurements_[i].sigma;
-    }
-    return J;
-  }
+  Eigen::VectorXd residuals() const { return noise_scaled(prediction_, measurements_).residuals; }
+  Eigen::MatrixXd jacobian() const { return noise_scaled(prediction_, measurements_).jacobian; }
+  double chi_squared() const { return residuals().squaredNorm(); }
 
   int evaluations = 0, failed = 0;
   std::vector<std::string> failures;
@@ -128,20 +128,19 @@ class Evaluator {
 /// All residuals as one block, because one simulation yields them all.
 class ResidualBlock final : public ceres::CostFunction {
  public:
-  ResidualBlock(Evaluator& evaluator, size_t measurements) : evaluator_(evaluator) {
-    set_num_residuals(static_cast<int>(measurements));
-    for (size_t j = 0; j < evaluator.count(); ++j) mutable_parameter_block_sizes()->push_back(1);
+  explicit ResidualBlock(Evaluator& evaluator) : evaluator_(evaluator) {
+    set_num_residuals(evaluator.residual_count());
+    mutable_parameter_block_sizes()->assign(static_cast<size_t>(evaluator.count()), 1);
   }
   bool Evaluate(double const* const* blocks, double* residuals, double** jacobians) const override {
-    std::vector<double> q(evaluator_.count());
-    for (size_t j = 0; j < q.size(); ++j) q[j] = blocks[j][0];
-    if (!evaluator_.evaluate(q.data())) return false;
+    Eigen::VectorXd q(evaluator_.count());
+    for (Eigen::Index j = 0; j < q.size(); ++j) q[j] = blocks[j][0];
+    if (!evaluator_.evaluate(q)) return false;
     Eigen::Map<Eigen::VectorXd>(residuals, num_residuals()) = evaluator_.residuals();
     if (jacobians == nullptr) return true;
     const Eigen::MatrixXd J = evaluator_.jacobian();
-    for (size_t j = 0; j < q.size(); ++j) {
-      if (jacobians[j] != nullptr)
-        Eigen::Map<Eigen::VectorXd>(jacobians[j], num_residuals()) = J.col(static_cast<Eigen::Index>(j));
+    for (Eigen::Index j = 0; j < q.size(); ++j) {
+      if (jacobians[j] != nullptr) Eigen::Map<Eigen::VectorXd>(jacobians[j], num_residuals()) = J.col(j);
     }
     return true;
   }
@@ -150,24 +149,16 @@ class ResidualBlock final : public ceres::CostFunction {
   Evaluator& evaluator_;
 };
 
-/// What a change of a parameter is compared with: one for a logarithm, else the range that it may have.
-double range_of(const FreeParameter& parameter, const Scale& scale, double value) {
-  if (scale.logarithmic) return 1;
-  const double range = parameter.upper - parameter.lower;
-  return std::isfinite(range) ? range : std::max(std::abs(value), 1e-12);
-}
-
-/// Decrease of chi squared that a Gauss-Newton step from `q` promises, where the residuals are r with derivatives J; it
-/// is the square of the step in standard errors. Parameters at bounds that hold them do not count, nor does `held`.
-double promised_decrease(const Evaluator& evaluator, const std::vector<FreeParameter>& free,
-                         const std::vector<double>& q, const Eigen::VectorXd& r, const Eigen::MatrixXd& J, int held) {
+/// Decrease of chi squared that a Gauss-Newton step from the newest evaluation at `q` promises; it is the square of the
+/// step in standard errors. Parameters at bounds that hold them do not count, nor does `held`.
+double promised_decrease(const Evaluator& at, const Eigen::VectorXd& q, Eigen::Index held) {
+  const Eigen::VectorXd r = at.residuals();
+  const Eigen::MatrixXd J = at.jacobian();
   Eigen::MatrixXd open = J;
-  for (size_t j = 0; j < q.size(); ++j) {
-    const Eigen::Index k = static_cast<Eigen::Index>(j);
-    const Scale& scale = evaluator.scale(j);
-    const double range = range_of(free[j], scale, scale.outside(q[j])), downhill = -J.col(k).dot(r);
-    const double room = downhill > 0 ? scale.inside(free[j].upper) - q[j] : q[j] - scale.inside(free[j].lower);
-    if (room < 1e-6 * range || static_cast<int>(j) == held) open.col(k).setZero();
+  for (Eigen::Index j = 0; j < q.size(); ++j) {
+    const Scale& scale = at.scale(j);
+    const double downhill = -J.col(j).dot(r), room = downhill > 0 ? scale.upper - q[j] : q[j] - scale.lower;
+    if (room < 1e-6 * scale.range(q[j]) || j == held) open.col(j).setZero();
   }
   return (open * open.completeOrthogonalDecomposition().solve(r)).squaredNorm();
 }
@@ -175,21 +166,19 @@ double promised_decrease(const Evaluator& evaluator, const std::vector<FreeParam
 /// Ends a search that is interrupted, or that has nothing more to gain: that saves the evaluation which would show it.
 class StopCallback final : public ceres::IterationCallback {
  public:
-  StopCallback(const Evaluator& evaluator, const std::vector<FreeParameter>& free, int held, double tolerance)
-      : evaluator_(evaluator), free_(free), held_(held), tolerance_(tolerance) {}
+  StopCallback(const Evaluator& evaluator, Eigen::Index held, double tolerance)
+      : evaluator_(evaluator), held_(held), tolerance_(tolerance) {}
   ceres::CallbackReturnType operator()(const ceres::IterationSummary& summary) override {
     if (evaluator_.stopped()) return ceres::SOLVER_TERMINATE_SUCCESSFULLY;  // the best values so far are kept
     if (!summary.step_is_successful) return ceres::SOLVER_CONTINUE;
-    const Eigen::VectorXd r = evaluator_.residuals();
-    const double promised = promised_decrease(evaluator_, free_, evaluator_.point(), r, evaluator_.jacobian(), held_);
-    return promised <= 0.1 * tolerance_ * r.squaredNorm() ? ceres::SOLVER_TERMINATE_SUCCESSFULLY
-                                                          : ceres::SOLVER_CONTINUE;
+    const double promised = promised_decrease(evaluator_, evaluator_.point(), held_);
+    return promised <= 0.1 * tolerance_ * evaluator_.chi_squared() ? ceres::SOLVER_TERMINATE_SUCCESSFULLY
+                                                                   : ceres::SOLVER_CONTINUE;
   }
 
  private:
   const Evaluator& evaluator_;
-  const std::vector<FreeParameter>& free_;
-  int held_;
+  Eigen::Index held_;
   double tolerance_;
 };
 
@@ -204,38 +193,36 @@ struct Search {
 
 struct Minimum {
   ceres::Solver::Summary summary;
-  std::vector<double> q;
+  Eigen::VectorXd q;
   double chi_squared = not_a_number;
 };
 
 constexpr double damped = 1, undamped = 1e4;  ///< trust-region radii: half a Gauss-Newton step, the whole step
 
 /// Levenberg-Marquardt from `q` with bounds; parameter `held` keeps its value.
-Minimum minimise(Evaluator& evaluator, const std::vector<FreeParameter>& free, size_t measurements,
-                 std::vector<double> q, int held, double radius, const FitOptions& options) {
+Minimum minimise(Evaluator& evaluator, const Eigen::VectorXd& q, Eigen::Index held, double radius,
+                 const FitOptions& options) {
   Minimum minimum;
   minimum.q = q;
-  if (!evaluator.evaluate(q.data())) {  // Ceres would say so on stderr
+  if (!evaluator.evaluate(q)) {  // Ceres would say so on stderr
     minimum.summary.message = "the simulation failed at the start";
     return minimum;
   }
   ceres::Problem::Options problem_options;
   problem_options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-  ResidualBlock block(evaluator, measurements);
+  ResidualBlock block(evaluator);
   ceres::Problem problem(problem_options);
   std::vector<double*> blocks;
-  for (double& value : q) blocks.push_back(&value);
+  for (double& value : minimum.q) blocks.push_back(&value);
   problem.AddResidualBlock(&block, nullptr, blocks);
-  for (size_t j = 0; j < free.size(); ++j) {
+  for (Eigen::Index j = 0; j < q.size(); ++j) {
     const Scale& scale = evaluator.scale(j);
-    if (static_cast<int>(j) == held) {
-      problem.SetParameterBlockConstant(&q[j]);
-      continue;
-    }
-    if (std::isfinite(free[j].lower)) problem.SetParameterLowerBound(&q[j], 0, scale.inside(free[j].lower));
-    if (std::isfinite(free[j].upper)) problem.SetParameterUpperBound(&q[j], 0, scale.inside(free[j].upper));
+    double* const value = &minimum.q[j];
+    if (j == held) problem.SetParameterBlockConstant(value);
+    if (j != held && std::isfinite(scale.lower)) problem.SetParameterLowerBound(value, 0, scale.lower);
+    if (j != held && std::isfinite(scale.upper)) problem.SetParameterUpperBound(value, 0, scale.upper);
   }
-  StopCallback stop(evaluator, free, held, options.tolerance);
+  StopCallback stop(evaluator, held, options.tolerance);
   ceres::Solver::Options solver;
   solver.linear_solver_type = ceres::DENSE_QR;
   solver.max_num_iterations = options.max_iterations;
@@ -247,7 +234,6 @@ Minimum minimise(Evaluator& evaluator, const std::vector<FreeParameter>& free, s
   solver.logging_type = ceres::SILENT;
   solver.callbacks.push_back(&stop);
   ceres::Solve(solver, &problem, &minimum.summary);
-  minimum.q = q;
   minimum.chi_squared = 2 * minimum.summary.final_cost;
   return minimum;
 }
@@ -256,126 +242,147 @@ Minimum minimise(Evaluator& evaluator, const std::vector<FreeParameter>& free, s
 /// of a linear solid are linear in those, so that a start a few times off comes near at once. At most a factor of
 /// three, because far from the truth the solid is not linear. Returns whether `q` moved; it stays when that does not
 /// lower chi squared.
-bool step_in_compliance(Evaluator& evaluator, const std::vector<FreeParameter>& free, std::vector<double>& q) {
-  if (!evaluator.evaluate(q.data()) || evaluator.stopped()) return false;
+bool step_in_compliance(Evaluator& evaluator, Eigen::VectorXd& q) {
+  if (!evaluator.evaluate(q) || evaluator.stopped()) return false;
   const Eigen::VectorXd r = evaluator.residuals();
   // A least-squares step of minimum norm: parameters that the readings do not see stay where they are.
   const Eigen::VectorXd step = -evaluator.jacobian().completeOrthogonalDecomposition().solve(r);
-  std::vector<double> trial = q;
-  for (size_t j = 0; j < q.size(); ++j) {
+  Eigen::VectorXd trial = q;
+  for (Eigen::Index j = 0; j < q.size(); ++j) {
     const Scale& scale = evaluator.scale(j);
-    const double d = step[static_cast<Eigen::Index>(j)];
-    trial[j] += scale.logarithmic ? -std::log1p(-std::clamp(d, -2.0, 2.0 / 3.0)) : d;
-    trial[j] = std::clamp(trial[j], scale.inside(free[j].lower), scale.inside(free[j].upper));
+    trial[j] += scale.logarithmic ? -std::log1p(-std::clamp(step[j], -2.0, 2.0 / 3.0)) : step[j];
+    trial[j] = scale.clamped(trial[j]);
   }
-  if (trial == q || !evaluator.evaluate(trial.data()) || !(evaluator.residuals().squaredNorm() < r.squaredNorm()))
-    return false;
+  if (trial == q || !evaluator.evaluate(trial) || !(evaluator.chi_squared() < r.squaredNorm())) return false;
   q = trial;
   return true;
 }
 
-/// Where chi squared, minimised over all other parameters, has risen by `profile_rise`, going from the optimum in
-/// direction `sign`; empty when it has not at the bound, where simulations fail before it has, and, when `alone`, where
-/// it would only because another parameter is at its bound. Fitted scale. `covariance` says how the others follow, to
-/// first order. The points looked at are added to `visited`.
-std::optional<double> profile_end(Evaluator& evaluator, const std::vector<FreeParameter>& free, size_t measurements,
-                                  const Minimum& best, const Eigen::MatrixXd& covariance, size_t j, int sign,
-                                  double guess, bool alone, const FitOptions& options,
-                                  std::vector<std::pair<double, double>>& visited) {
-  const Scale& scale = evaluator.scale(j);
-  const double bound = scale.inside(sign > 0 ? free[j].upper : free[j].lower);
-  FitOptions coarse = options;
-  coarse.tolerance =
-      std::min(1e-3, 0.005 * profile_rise / std::max(best.chi_squared, 1e-12));  // of the rise: half a per cent
-  std::vector<double> start = best.q;
-  auto rise_at = [&](double q) {
-    const Eigen::Index k = static_cast<Eigen::Index>(j);
-    const double moved = q - start[j];
-    for (size_t i = 0; i < free.size(); ++i) {
-      const double lower = evaluator.scale(i).inside(free[i].lower), upper = evaluator.scale(i).inside(free[i].upper);
-      start[i] =
-          std::clamp(start[i] + moved * covariance(static_cast<Eigen::Index>(i), k) / covariance(k, k), lower, upper);
-    }
-    start[j] = q;
+/// One end of a profile interval: where chi squared, minimised over all other parameters, has risen by `profile_rise`,
+/// going from the optimum in direction `sign`. Fitted scale.
+class ProfileEnd {
+ public:
+  /// `covariance` says how the other parameters follow, to first order. The points looked at are added to `visited`.
+  ProfileEnd(Evaluator& evaluator, const Minimum& best, const Eigen::MatrixXd& covariance, Eigen::Index j, int sign,
+             const FitOptions& options, std::vector<std::pair<double, double>>& visited)
+      : evaluator_(evaluator),
+        best_(best),
+        slopes_(covariance.col(j)),
+        j_(j),
+        sign_(sign),
+        options_(options),
+        visited_(visited),
+        inner_{best.q[j], 0, best.q},
+        outer_(inner_),
+        start_(best.q) {
+    // Of the rise: half a per cent.
+    options_.tolerance = std::min(1e-3, 0.005 * profile_rise / std::max(best.chi_squared, 1e-12));
+  }
+
+  /// Empty when chi squared has not risen so much at the bound, where simulations fail before it has, and, when
+  /// `alone`, where it would only because another parameter is at its bound.
+  std::optional<double> find(double guess, bool alone) {
+    if (!enclose(std::max(guess, 1e-6))) return std::nullopt;
+    narrow();
+    if (!std::isfinite(outer_.rise) || (alone && another_is_at_its_bound())) return std::nullopt;
+    return 0.5 * (inner_.q + outer_.q);
+  }
+
+ private:
+  struct Place {
+    double q, rise;
+    Eigen::VectorXd all;  ///< parameters, the others where they are best
+  };
+
+  Place place_at(double q) {
+    const double moved = q - start_[j_];
+    for (Eigen::Index i = 0; i < start_.size(); ++i)
+      start_[i] = evaluator_.scale(i).clamped(start_[i] + moved * slopes_[i] / slopes_[j_]);
+    start_[j_] = q;
     double rise = std::numeric_limits<double>::infinity();
-    if (free.size() == 1) {
-      if (evaluator.evaluate(start.data())) rise = evaluator.residuals().squaredNorm() - best.chi_squared;
+    if (start_.size() == 1) {
+      if (evaluator_.evaluate(start_)) rise = evaluator_.chi_squared() - best_.chi_squared;
     } else {
-      const Minimum there = minimise(evaluator, free, measurements, start, static_cast<int>(j), undamped, coarse);
+      const Minimum there = minimise(evaluator_, start_, j_, undamped, options_);
       if (there.summary.termination_type != ceres::FAILURE) {
-        start = there.q;
-        rise = there.chi_squared - best.chi_squared;
+        start_ = there.q;
+        rise = there.chi_squared - best_.chi_squared;
       }
     }
-    if (std::isfinite(rise)) visited.emplace_back(scale.outside(q), rise);
-    return rise;
-  };
-  // So near the end, the rest of the way is a fraction of the way so far, if the rise is a parabola as expected.
-  const double parabola = z95 * std::sqrt(covariance(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(j)));
-  auto nearly = [&](double q, double rise) {
-    const bool expected = std::abs(std::abs(q - best.q[j]) / parabola - 1) < 0.3;
-    return std::abs(rise / profile_rise - 1) < (expected ? 0.05 : 0.01);
-  };
-  double inner = best.q[j], inner_rise = 0, step = std::max(guess, 1e-6);
-  double outer = inner, outer_rise = 0;
-  std::vector<double> beyond = start;  // all parameters at `outer`
-  for (int expansion = 0; expansion < 12; ++expansion, step *= 2) {
-    if (evaluator.stopped()) return std::nullopt;
-    outer = inner + sign * step;
-    const bool at_bound = sign > 0 ? outer >= bound : outer <= bound;
-    if (at_bound) outer = bound;
-    outer_rise = rise_at(outer);
-    beyond = start;
-    if (outer_rise >= profile_rise || nearly(outer, outer_rise)) break;
-    if (at_bound) return std::nullopt;
-    inner = outer;
-    inner_rise = outer_rise;
+    if (std::isfinite(rise)) visited_.emplace_back(evaluator_.scale(j_).outside(q), rise);
+    return {q, rise, start_};
   }
-  if (nearly(outer, outer_rise))
-    inner = outer = best.q[j] + (outer - best.q[j]) * std::sqrt(profile_rise / outer_rise);
-  else if (outer_rise < profile_rise)
-    return std::nullopt;
-  for (int i = 0; i < 12 && std::abs(outer - inner) > 1e-3 * std::max(std::abs(outer - best.q[j]), 1e-12); ++i) {
-    if (evaluator.stopped()) break;
-    // The rise is nearly quadratic, so its root is nearly linear; bisect when that is of no use.
-    const double a = std::sqrt(std::max(inner_rise, 0.0)), b = std::sqrt(outer_rise), target = std::sqrt(profile_rise);
-    double t = std::isfinite(b) && b > a ? (target - a) / (b - a) : 0.5;
-    t = i % 3 == 2 ? 0.5 : std::clamp(t, 0.05, 0.95);
-    const double middle = inner + t * (outer - inner), rise = rise_at(middle);
-    if (nearly(middle, rise)) {
-      inner = outer = middle;
-      beyond = start;
-      break;
-    }
-    if (rise >= profile_rise) {
-      outer = middle;
-      outer_rise = rise;
-      beyond = start;
-    } else {
-      inner = middle;
-      inner_rise = rise;
-    }
-  }
-  if (!std::isfinite(outer_rise)) return std::nullopt;
-  for (size_t i = 0; alone && i < free.size(); ++i) {
-    const double margin = 1e-6 * range_of(free[i], evaluator.scale(i), evaluator.scale(i).outside(beyond[i]));
-    const double room = std::min(beyond[i] - evaluator.scale(i).inside(free[i].lower),
-                                 evaluator.scale(i).inside(free[i].upper) - beyond[i]);
-    if (i != j && room < margin) return std::nullopt;
-  }
-  return 0.5 * (inner + outer);
-}
 
-/// True when a simulation failed beside `q` although chi squared still falls there: r, J are those at `q`.
-bool stopped_by_failures(const Evaluator& evaluator, const std::vector<FreeParameter>& free,
-                         const std::vector<double>& q, const Eigen::VectorXd& r, const Eigen::MatrixXd& J) {
-  if (evaluator.last_failure.size() == 0) return false;
-  for (size_t j = 0; j < q.size(); ++j) {
-    const Scale& scale = evaluator.scale(j);
-    const double range = range_of(free[j], scale, scale.outside(q[j]));
-    if (std::abs(evaluator.last_failure[static_cast<Eigen::Index>(j)] - q[j]) > 1e-2 * range) return false;
+  /// So near the end, the rest of the way is a fraction of the way so far, if the rise is a parabola as expected.
+  bool nearly(const Place& place) const {
+    const double parabola = z95 * std::sqrt(slopes_[j_]);
+    const bool expected = std::abs(std::abs(place.q - best_.q[j_]) / parabola - 1) < 0.3;
+    return std::abs(place.rise / profile_rise - 1) < (expected ? 0.05 : 0.01);
   }
-  return promised_decrease(evaluator, free, q, r, J, -1) > std::max(1e-3, 1e-6 * r.squaredNorm());
+
+  /// Goes outwards by ever longer steps until the end is between the two places, or both are at it.
+  bool enclose(double step) {
+    const Scale& scale = evaluator_.scale(j_);
+    for (int expansion = 0; expansion < 12; ++expansion, step *= 2) {
+      if (evaluator_.stopped()) return false;
+      const double q = inner_.q + sign_ * step;
+      const bool at_bound = sign_ > 0 ? q >= scale.upper : q <= scale.lower;
+      outer_ = place_at(at_bound ? (sign_ > 0 ? scale.upper : scale.lower) : q);
+      if (outer_.rise >= profile_rise || nearly(outer_)) break;
+      if (at_bound) return false;
+      inner_ = outer_;
+    }
+    if (!nearly(outer_)) return !(outer_.rise < profile_rise);
+    inner_.q = outer_.q = best_.q[j_] + (outer_.q - best_.q[j_]) * std::sqrt(profile_rise / outer_.rise);
+    return true;
+  }
+
+  void narrow() {
+    const double target = std::sqrt(profile_rise);
+    for (int i = 0; i < 12; ++i) {
+      const double apart = std::abs(outer_.q - inner_.q), way = std::abs(outer_.q - best_.q[j_]);
+      if (!(apart > 1e-3 * std::max(way, 1e-12)) || evaluator_.stopped()) return;
+      // The rise is nearly quadratic, so its root is nearly linear; bisect when that is of no use.
+      const double a = std::sqrt(std::max(inner_.rise, 0.0)), b = std::sqrt(outer_.rise);
+      double t = std::isfinite(b) && b > a ? (target - a) / (b - a) : 0.5;
+      t = i % 3 == 2 ? 0.5 : std::clamp(t, 0.05, 0.95);
+      const Place middle = place_at(inner_.q + t * (outer_.q - inner_.q));
+      if (nearly(middle)) {
+        inner_.q = outer_.q = middle.q;
+        outer_.all = middle.all;
+        return;
+      }
+      (middle.rise >= profile_rise ? outer_ : inner_) = middle;
+    }
+  }
+
+  bool another_is_at_its_bound() const {
+    for (Eigen::Index i = 0; i < start_.size(); ++i) {
+      const Scale& scale = evaluator_.scale(i);
+      if (i != j_ && scale.room(outer_.all[i]) < 1e-6 * scale.range(outer_.all[i])) return true;
+    }
+    return false;
+  }
+
+  Evaluator& evaluator_;
+  const Minimum& best_;
+  Eigen::VectorXd slopes_;  ///< covariances with the parameter
+  Eigen::Index j_;
+  int sign_;
+  FitOptions options_;
+  std::vector<std::pair<double, double>>& visited_;
+  Place inner_, outer_;
+  Eigen::VectorXd start_;
+};
+
+/// True when a simulation failed beside the newest evaluation of `last`, at `q`, although chi squared still falls
+/// there.
+bool stopped_by_failures(const Evaluator& searching, const Evaluator& last, const Eigen::VectorXd& q) {
+  if (searching.last_failure.size() == 0) return false;
+  for (Eigen::Index j = 0; j < q.size(); ++j) {
+    if (std::abs(searching.last_failure[j] - q[j]) > 1e-2 * last.scale(j).range(q[j])) return false;
+  }
+  return promised_decrease(last, q, -1) > std::max(1e-3, 1e-6 * last.chi_squared());
 }
 
 /// How far a parameter is from being known, as a number without unit: its standard error on the fitted scale, for
@@ -392,52 +399,43 @@ Verdict verdict_of(const Spread& spread) {
   return spread.alone <= weak ? Verdict::tied : Verdict::invisible;
 }
 
+/// What is said of a parameter, in the order of Verdict.
+struct VerdictWords {
+  std::string_view name;
+  const char* sentence;
+};
+constexpr std::array<VerdictWords, 6> verdict_words{{
+    {"well determined", "The readings determine {id} to {known_to}."},
+    {"weakly determined",
+     "The readings determine {id} to {known_to} only: its value is a rough one; more repeats or loads at which it "
+     "matters more would help."},
+    {"bounded from one side",
+     "The readings say that {id} is {side} {bound} and nothing more: {beyond} it no longer changes the predictions by "
+     "more than the noise; take the value from elsewhere and fix it."},
+    {"tied",
+     "The readings see {id} but cannot tell it from {partner}: a change of one is made up for by the other; fix one of "
+     "them from another measurement, or add loads that separate them."},
+    {"invisible",
+     "The readings do not depend on {id} within their noise: its value is where the search happened to be, not a "
+     "result; fix it, or measure where it matters."},
+    {"unknown", ""},
+}};
+
 std::string explain(const ParameterEstimate& e, const Spread& spread, const std::string& partner, double correlation,
                     bool at_bound) {
-  const std::string known_to =
-      e.spec.logarithmic
-          ? fmt::format("{:.2g} %", 100 * spread.joint)
-          : fmt::format("{} ({:.2g} % of its range)", with_unit(e.standard_error, e.spec.unit, 2), 100 * spread.joint);
-  std::string text;
-  switch (e.verdict) {
-    case Verdict::well_determined:
-      text = fmt::format("The readings determine {} to {}.", e.spec.id, known_to);
-      break;
-    case Verdict::weakly_determined:
-      text = fmt::format(
-          "The readings determine {} to {} only: its value is a rough one; more repeats or loads at which it "
-          "matters more would help.",
-          e.spec.id, known_to);
-      break;
-    case Verdict::bounded_from_one_side:
-      text = fmt::format(
-          "The readings say that {} is {} {} and nothing more: {} it no longer changes the predictions by more than "
-          "the noise; "
-          "take the value from elsewhere and fix it.",
-          e.spec.id, e.lower95 ? "above" : "below", with_unit(e.lower95 ? *e.lower95 : *e.upper95, e.spec.unit),
-          e.lower95 ? "beyond that" : "below that");
-      break;
-    case Verdict::tied:
-      text = fmt::format(
-          "The readings see {} but cannot tell it from {}: a change of one is made up for by the other; fix one of "
-          "them from another "
-          "measurement, or add loads that separate them.",
-          e.spec.id, partner.empty() ? "the other parameters" : partner);
-      break;
-    case Verdict::invisible:
-      text = fmt::format(
-          "The readings do not depend on {} within their noise: its value is where the search happened to be, not a "
-          "result; fix it, or measure where it matters.",
-          e.spec.id);
-      break;
-    case Verdict::unknown:
-      break;
-  }
-  if ((e.verdict == Verdict::well_determined || e.verdict == Verdict::weakly_determined) &&
-      std::abs(correlation) > 0.9) {
+  const std::string relative = fmt::format("{:.2g} %", 100 * spread.joint);
+  const bool one_sided = e.verdict == Verdict::bounded_from_one_side;
+  std::string text = fmt::format(
+      fmt::runtime(verdict_words[static_cast<size_t>(e.verdict)].sentence), fmt::arg("id", e.spec.id),
+      fmt::arg("known_to", e.spec.logarithmic ? relative
+                                              : fmt::format("{} ({} of its range)",
+                                                            with_unit(e.standard_error, e.spec.unit, 2), relative)),
+      fmt::arg("side", e.lower95 ? "above" : "below"), fmt::arg("beyond", e.lower95 ? "beyond that" : "below that"),
+      fmt::arg("bound", one_sided ? with_unit(e.lower95 ? *e.lower95 : *e.upper95, e.spec.unit) : ""),
+      fmt::arg("partner", partner.empty() ? "the other parameters" : partner));
+  if ((e.verdict == Verdict::well_determined || e.verdict == Verdict::weakly_determined) && std::abs(correlation) > 0.9)
     text += fmt::format(" It is correlated with {} ({:.2f}).", partner, correlation);
-  }
-  if (at_bound && e.verdict != Verdict::bounded_from_one_side)
+  if (at_bound && !one_sided)
     text +=
         " The fit ended at a bound that was set, not at what the readings prefer: widen the bound or ask whether the "
         "model fits.";
@@ -467,7 +465,7 @@ class Fit {
     find_covariance();
     {
       const Search profiles(protocol_);
-      for (size_t j = 0; j < free_.size(); ++j) judge_parameter(j);
+      for (Eigen::Index j = 0; j < evaluator_.count(); ++j) judge_parameter(j);
     }
     result_.profiles = cost_so_far();
     return std::move(result_);
@@ -475,14 +473,15 @@ class Fit {
 
  private:
   void set_start() {
-    for (size_t j = 0; j < free_.size(); ++j) {
-      const FreeParameter& free = free_[j];
+    best_.q.resize(evaluator_.count());
+    for (Eigen::Index j = 0; j < evaluator_.count(); ++j) {
+      const FreeParameter& free = free_[static_cast<size_t>(j)];
       const ParameterSpec& spec = protocol_.parameters()[free.index];
       if (!(free.lower < free.upper) || !(free.start >= free.lower && free.start <= free.upper)) {
         throw InputError(fmt::format("{}: the start {:.6g} {} must lie between its bounds {:.6g} and {:.6g}", spec.id,
                                      free.start, spec.unit, free.lower, free.upper));
       }
-      best_.q.push_back(evaluator_.scale(j).inside(free.start));
+      best_.q[j] = evaluator_.scale(j).inside(free.start);
     }
   }
 
@@ -503,8 +502,8 @@ class Fit {
 
   void search_once(bool first) {
     const Search searching(protocol_);
-    const bool near = !first || step_in_compliance(evaluator_, free_, best_.q);
-    best_ = minimise(evaluator_, free_, measurements_.size(), best_.q, -1, near ? undamped : damped, options_);
+    const bool near = !first || step_in_compliance(evaluator_, best_.q);
+    best_ = minimise(evaluator_, best_.q, -1, near ? undamped : damped, options_);
   }
 
   /// Whether the cold path finds the same chi squared, or nearly, and within a thirtieth of a standard error of the
@@ -512,8 +511,7 @@ class Fit {
   bool agrees(double again) const {
     const double apart = std::abs(again - best_.chi_squared) / (1 + best_.chi_squared);
     if (apart <= 1e-6) return true;
-    return apart <= 1e-2 && promised_decrease(last_, free_, best_.q, last_.residuals(), last_.jacobian(), -1) <=
-                                std::max(1e-3, 1e-5 * again);
+    return apart <= 1e-2 && promised_decrease(last_, best_.q, -1) <= std::max(1e-3, 1e-5 * again);
   }
 
   /// What is reported is computed once more from the start of the protocol's path, without the fit's history. Should
@@ -529,13 +527,13 @@ class Fit {
       if (result_.status == FitStatus::start_failed || result_.status == FitStatus::interrupted) break;
       protocol_.forget();
       last_.reset();
-      if (!last_.evaluate(best_.q.data())) {
+      if (!last_.evaluate(best_.q)) {
         result_.status = last_.stopped() ? FitStatus::interrupted : FitStatus::not_converged;
         result_.message =
             "the optimum could not be computed again from the start of the path: " + last_.failures.front();
         break;
       }
-      const double again = last_.residuals().squaredNorm();
+      const double again = last_.chi_squared();
       if (agrees(again)) break;
       evaluator_.reset();
       if (round < 2) continue;
@@ -551,16 +549,17 @@ class Fit {
   }
 
   void list_estimates() {
+    const std::vector<double> values = evaluator_.values(best_.q);
     for (size_t j = 0; j < free_.size(); ++j) {
       ParameterEstimate& estimate = result_.parameters.emplace_back();
       estimate.spec = protocol_.parameters()[free_[j].index];
       estimate.start = free_[j].start;
       estimate.lower = free_[j].lower;
       estimate.upper = free_[j].upper;
-      estimate.value = evaluator_.scale(j).outside(best_.q[j]);
+      estimate.value = values[j];
       estimate.standard_error = not_a_number;
     }
-    result_.p = evaluator_.params(best_.q.data());
+    result_.p = evaluator_.params(best_.q);
   }
 
   void judge_fit() {
@@ -568,7 +567,7 @@ class Fit {
     const Eigen::VectorXd r = last_.residuals();
     jacobian_ = last_.jacobian();
     best_.chi_squared = result_.chi_squared = r.squaredNorm();
-    if (result_.status == FitStatus::converged && stopped_by_failures(evaluator_, free_, best_.q, r, jacobian_)) {
+    if (result_.status == FitStatus::converged && stopped_by_failures(evaluator_, last_, best_.q)) {
       result_.status = FitStatus::not_converged;
       result_.message =
           "the fit ended where simulations fail, before it was at a minimum: " + evaluator_.failures.front();
@@ -584,10 +583,9 @@ class Fit {
   /// Directions that the readings do not see get a deviation of a hundred ranges instead of a pseudo-inverse's zero;
   /// more than that would drown in rounding what they do see.
   void find_covariance() {
-    const Eigen::Index n = static_cast<Eigen::Index>(free_.size());
+    const Eigen::Index n = evaluator_.count();
     ranges_.resize(n);
-    for (size_t j = 0; j < free_.size(); ++j)
-      ranges_[static_cast<Eigen::Index>(j)] = range_of(free_[j], evaluator_.scale(j), result_.parameters[j].value);
+    for (Eigen::Index j = 0; j < n; ++j) ranges_[j] = evaluator_.scale(j).range(best_.q[j]);
     const Eigen::JacobiSVD<Eigen::MatrixXd> svd(jacobian_ * ranges_.asDiagonal(),
                                                 Eigen::ComputeThinU | Eigen::ComputeThinV);
     result_.singular_values = svd.singularValues();
@@ -603,53 +601,45 @@ class Fit {
   }
 
   /// Verdict, interval and the words for them.
-  void judge_parameter(size_t j) {
-    ParameterEstimate& estimate = result_.parameters[j];
+  void judge_parameter(Eigen::Index j) {
+    ParameterEstimate& estimate = result_.parameters[static_cast<size_t>(j)];
     const Scale& scale = evaluator_.scale(j);
-    const Eigen::Index k = static_cast<Eigen::Index>(j);
-    const Spread spread{deviations_[k] / ranges_[k], 1 / std::max(jacobian_.col(k).norm(), 1e-150) / ranges_[k]};
+    const Spread spread{deviations_[j] / ranges_[j], 1 / std::max(jacobian_.col(j).norm(), 1e-150) / ranges_[j]};
     estimate.verdict = verdict_of(spread);
-    estimate.standard_error = spread.joint < 10 ? deviations_[k] * scale.slope(estimate.value) : not_a_number;
-    find_interval(j);
+    estimate.standard_error = spread.joint < 10 ? deviations_[j] * scale.slope(estimate.value) : not_a_number;
+    find_interval(j, estimate);
     std::string partner;
     double strongest = 0;
-    for (size_t i = 0; i < free_.size(); ++i) {
-      const double c = result_.correlation(k, static_cast<Eigen::Index>(i));
-      if (i != j && std::abs(c) > std::abs(strongest)) {
-        strongest = c;
-        partner = result_.parameters[i].spec.id;
-      }
+    for (Eigen::Index i = 0; i < evaluator_.count(); ++i) {
+      const double c = result_.correlation(j, i);
+      if (i == j || !(std::abs(c) > std::abs(strongest))) continue;
+      strongest = c;
+      partner = result_.parameters[static_cast<size_t>(i)].spec.id;
     }
-    const double margin = 1e-6 * ranges_[k];
-    const bool at_bound =
-        best_.q[j] - scale.inside(estimate.lower) < margin || scale.inside(estimate.upper) - best_.q[j] < margin;
+    const bool at_bound = scale.room(best_.q[j]) < 1e-6 * ranges_[j];
     estimate.explanation = explain(estimate, spread, partner, strongest, at_bound);
   }
 
   /// The parabola's interval, or where that cannot be trusted that of the profile likelihood.
-  void find_interval(size_t j) {
-    ParameterEstimate& estimate = result_.parameters[j];
+  void find_interval(Eigen::Index j, ParameterEstimate& estimate) {
     const Scale& scale = evaluator_.scale(j);
-    const double reach = z95 * deviations_[static_cast<Eigen::Index>(j)];
-    const double lower = best_.q[j] - reach, upper = best_.q[j] + reach;
-    const bool doubtful = estimate.verdict != Verdict::well_determined || lower < scale.inside(estimate.lower) ||
-                          upper > scale.inside(estimate.upper);
-    std::optional<double> low = lower, high = upper;
+    const double reach = z95 * deviations_[j];
+    std::optional<double> low = best_.q[j] - reach, high = best_.q[j] + reach;
+    const bool doubtful = estimate.verdict != Verdict::well_determined || *low < scale.lower || *high > scale.upper;
     if (doubtful) low = high = std::nullopt;
     if (options_.profiles && (doubtful || options_.all_profiles) && !evaluator_.stopped()) {
-      const double range = ranges_[static_cast<Eigen::Index>(j)];
-      const double guess = std::min(reach, scale.logarithmic ? 1.0 : 0.25 * range);
+      const double guess = std::min(reach, scale.logarithmic ? 1.0 : 0.25 * ranges_[j]);
       estimate.profile.emplace_back(estimate.value, 0.0);
-      auto end = [&](int sign) {
-        return profile_end(evaluator_, free_, measurements_.size(), best_, result_.covariance, j, sign, guess,
-                           estimate.verdict == Verdict::tied, options_, estimate.profile);
+      const auto end = [&](int sign) {
+        return ProfileEnd(evaluator_, best_, result_.covariance, j, sign, options_, estimate.profile)
+            .find(guess, estimate.verdict == Verdict::tied);
       };
       const std::optional<double> down = end(-1), up = end(+1);
       if (!evaluator_.stopped()) {  // half a search is worth less than the parabola, or than nothing
         low = down;
         high = up;
       }
-      std::sort(estimate.profile.begin(), estimate.profile.end());
+      std::ranges::sort(estimate.profile);
     }
     if (doubtful) {
       if (estimate.verdict != Verdict::well_determined && low.has_value() != high.has_value())
@@ -676,35 +666,12 @@ class Fit {
 }  // namespace
 
 std::string_view name_of(Verdict verdict) {
-  switch (verdict) {
-    case Verdict::well_determined:
-      return "well determined";
-    case Verdict::weakly_determined:
-      return "weakly determined";
-    case Verdict::bounded_from_one_side:
-      return "bounded from one side";
-    case Verdict::tied:
-      return "tied";
-    case Verdict::invisible:
-      return "invisible";
-    case Verdict::unknown:
-      return "unknown";
-  }
-  return "";
+  return verdict_words[static_cast<size_t>(verdict)].name;
 }
 
 std::string_view name_of(FitStatus status) {
-  switch (status) {
-    case FitStatus::converged:
-      return "converged";
-    case FitStatus::not_converged:
-      return "not converged";
-    case FitStatus::start_failed:
-      return "start failed";
-    case FitStatus::interrupted:
-      return "interrupted";
-  }
-  return "";
+  constexpr std::array<std::string_view, 4> names{"converged", "not converged", "start failed", "interrupted"};
+  return names[static_cast<size_t>(status)];
 }
 
 Eigen::VectorXd standard_errors(const Prediction& prediction, const ParameterTable& table, const Params& p,

@@ -8,6 +8,17 @@
 
 namespace taut {
 
+NoiseScaled noise_scaled(const Prediction& prediction, const std::vector<Measurement>& measurements) {
+  const Eigen::Index count = static_cast<Eigen::Index>(measurements.size());
+  NoiseScaled scaled{Eigen::VectorXd(count), Eigen::MatrixXd(count, prediction.derivatives.cols())};
+  for (Eigen::Index i = 0; i < count; ++i) {
+    const Measurement& m = measurements[static_cast<size_t>(i)];
+    scaled.residuals[i] = (prediction.values[m.row] - m.value) / m.sigma;
+    if (scaled.jacobian.cols() > 0) scaled.jacobian.row(i) = prediction.derivatives.row(m.row) / m.sigma;
+  }
+  return scaled;
+}
+
 double chi_squared_probability(double value, int dof) {
   if (dof <= 0) return 1;
   return boost::math::cdf(boost::math::complement(boost::math::chi_squared(dof), value));

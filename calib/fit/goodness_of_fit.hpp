@@ -5,6 +5,13 @@
 
 namespace taut {
 
+/// Residuals (predicted - measured) / sigma of measurements, and derivatives of a prediction over sigma.
+struct NoiseScaled {
+  Eigen::VectorXd residuals;
+  Eigen::MatrixXd jacobian;  ///< measurements x the prediction's derivatives
+};
+NoiseScaled noise_scaled(const Prediction& prediction, const std::vector<Measurement>& measurements);
+
 /// Probability that chi squared with `dof` degrees of freedom exceeds `value`; 1 without degrees of freedom.
 double chi_squared_probability(double value, int dof);
 

@@ -172,54 +172,113 @@ double elongation(const Chain& chain, const ChainCable& cable, const Eigen::Vect
 double force(const ChainLoad& load, const Params& p) {
   return p[load.value] * (load.times < 0 ? 1.0 : p[load.times]);
 }
-/// Adds up the energies of pairs of bodies, with derivatives.
+
+/// Adds up the energies of pairs of bodies, with derivatives. What is fixed in space is one body more, at the end.
 class Assembler {
  public:
   Assembler(const Chain& chain, const Eigen::VectorXd& x, const Params& p, const std::vector<int>& free)
       : chain_(chain), x_(x), p_(p), free_(free) {
-    sum_.gradient = Eigen::VectorXd::Zero(x.size());
-    sum_.hessian = Eigen::MatrixXd::Zero(x.size(), x.size());
-    sum_.mixed = Eigen::MatrixXd::Zero(x.size(), static_cast<Eigen::Index>(free.size()));
+    const Eigen::Index all = x.size() + 3;
+    sum_.gradient = Eigen::VectorXd::Zero(all);
+    sum_.hessian = Eigen::MatrixXd::Zero(all, all);
+    sum_.mixed = Eigen::MatrixXd::Zero(all, static_cast<Eigen::Index>(free.size()));
   }
+
   /// N: deformations only (3), or the foam's two constants too (5).
   template <int N>
-  void add(const ChainSpan& span);
-  void add(const ChainCable& cable);
-  void add(const LipCorner& lip);
-  void add(const ChainLoad& load);
-  ChainEnergy result() { return std::move(sum_); }
+  void add(const ChainSpan& span) {
+    const Unknowns pair = unknowns(span.left.body, span.right.body);
+    const std::array<Jet<6>, 3> q = deformation<Jet<6>>(chain_, span, x_);
+    Eigen::Matrix<double, 6, 3> J;
+    std::array<Jet<N>, 3> local;
+    for (int i = 0; i < 3; ++i) {
+      J.col(i) = q[static_cast<size_t>(i)].g;
+      local[static_cast<size_t>(i)] = Jet<N>::variable(q[static_cast<size_t>(i)].v, i);
+    }
+    const double t = p_[chain_.thickness], youngs = p_[chain_.E], poisson = p_[chain_.nu];
+    Jet<N> stored;
+    if constexpr (N == 3) {
+      stored = span_energy(chain_.plane_stress, span, local, youngs, poisson);
+    } else {
+      stored = span_energy(chain_.plane_stress, span, local, Jet<N>::variable(youngs, 3), Jet<N>::variable(poisson, 4));
+      add_mixed(pair, chain_.E, J * (t * stored.H.template block<3, 1>(0, 3)));
+      add_mixed(pair, chain_.nu, J * (t * stored.H.template block<3, 1>(0, 4)));
+      add_mixed(pair, chain_.thickness, J * stored.g.template head<3>());
+    }
+    const Eigen::Vector3d slope = t * stored.g.template head<3>();
+    const Eigen::Matrix3d curvature = t * stored.H.template topLeftCorner<3, 3>();
+    Matrix6 H = J * curvature * J.transpose();
+    for (int i = 0; i < 3; ++i) H += slope[i] * q[static_cast<size_t>(i)].H;
+    add(pair, t * stored.v, J * slope, H);
+  }
+
+  void add(const ChainCable& cable) {
+    const Jet<1> phi = one_sided(elongation(chain_, cable, x_, p_), cable.smoothing);
+    const double k = p_[chain_.k_cable];
+    sum_.energy += k * phi.v;
+    if (phi.g[0] == 0) return;
+    Eigen::VectorXd along = Eigen::VectorXd::Zero(sum_.gradient.size());
+    for (const auto& ends : cable.free_lengths) {
+      const Unknowns pair = unknowns(ends[0].body, ends[1].body);
+      const Jet<6> length = distance<Jet<6>>(chain_, ends, x_);
+      along(pair) += length.g;
+      sum_.hessian(pair, pair) += k * phi.g[0] * length.H;
+    }
+    sum_.gradient += k * phi.g[0] * along;
+    sum_.hessian += k * phi.H(0, 0) * along * along.transpose();
+    for (Eigen::Index c = 0; c < sum_.mixed.cols(); ++c) {
+      const int index = free_[static_cast<size_t>(c)];
+      if (index == chain_.k_cable) sum_.mixed.col(c) += phi.g[0] * along;
+      if (index == chain_.slack) sum_.mixed.col(c) -= k * phi.H(0, 0) * along;
+      if (index == cable.retraction) sum_.mixed.col(c) += k * phi.H(0, 0) * along;
+    }
+  }
+
+  void add(const LipCorner& lip) {
+    const Jet<1> phi = one_sided(-gap<double>(chain_, lip, x_), lip_smoothing);
+    if (phi.g[0] == 0) return;
+    const Unknowns pair = unknowns(lip.corner.body, lip.face.body);
+    const double stiffness = stiffness_of_lips(chain_, p_);
+    const Jet<6> open = gap<Jet<6>>(chain_, lip, x_);
+    const Vector6 push = -stiffness * phi.g[0] * open.g;
+    add(pair, stiffness * phi.v, push, stiffness * (phi.H(0, 0) * open.g * open.g.transpose() - phi.g[0] * open.H));
+    if (chain_.E_plastic >= 0) add_mixed(pair, chain_.E_plastic, push / p_[chain_.E_plastic]);
+    add_mixed(pair, chain_.thickness, push / p_[chain_.thickness]);
+  }
+
+  void add(const ChainLoad& load) {
+    const Unknowns pair = unknowns(load.at.body, -1);
+    const std::array<Jet<6>, 2> at = place<Jet<6>>(chain_, load.at, x_, 0);
+    const Jet<6> way = load.direction.x() * at[0] + load.direction.y() * at[1];
+    const double newtons = force(load, p_);
+    add(pair, -newtons * (way.v - load.direction.dot(load.at.rest)), -newtons * way.g, -newtons * way.H);
+    add_mixed(pair, load.value, -(load.times < 0 ? 1.0 : p_[load.times]) * way.g);
+    if (load.times >= 0) add_mixed(pair, load.times, -p_[load.value] * way.g);
+  }
+
+  ChainEnergy result() const {
+    const Eigen::Index n = x_.size();
+    return {sum_.energy, sum_.gradient.head(n), sum_.hessian.topLeftCorner(n, n), sum_.mixed.topRows(n)};
+  }
 
  private:
-  using Pair = std::array<int, 2>;  ///< bodies, whose unknowns are local ones: those of the first one first
+  using Unknowns = std::array<Eigen::Index, 6>;
   using Vector6 = Eigen::Matrix<double, 6, 1>;
   using Matrix6 = Eigen::Matrix<double, 6, 6>;
-  /// -1 for what belongs to a fixed body and is dropped.
-  static int unknown(const Pair& pair, int i) {
-    const int body = pair[static_cast<size_t>(i / 3)];
-    return body < 0 ? -1 : 3 * body + i % 3;
+
+  /// Those of a pair of bodies, of the first one first.
+  Unknowns unknowns(int first, int second) const {
+    const Eigen::Index a = first < 0 ? x_.size() : 3 * first, b = second < 0 ? x_.size() : 3 * second;
+    return {a, a + 1, a + 2, b, b + 1, b + 2};
   }
-  template <class To>
-  static void add_gradient(const Pair& pair, const Vector6& local, To&& to) {
-    for (int i = 0; i < 6; ++i) {
-      if (unknown(pair, i) >= 0) to[unknown(pair, i)] += local[i];
-    }
-  }
-  void add_hessian(const Pair& pair, const Matrix6& local) {
-    for (int i = 0; i < 6; ++i) {
-      for (int j = 0; j < 6; ++j) {
-        if (unknown(pair, i) >= 0 && unknown(pair, j) >= 0)
-          sum_.hessian(unknown(pair, i), unknown(pair, j)) += local(i, j);
-      }
-    }
-  }
-  void add(const Pair& pair, double energy, const Vector6& gradient, const Matrix6& hessian) {
+  void add(const Unknowns& pair, double energy, const Vector6& gradient, const Matrix6& hessian) {
     sum_.energy += energy;
-    add_gradient(pair, gradient, sum_.gradient);
-    add_hessian(pair, hessian);
+    sum_.gradient(pair) += gradient;
+    sum_.hessian(pair, pair) += hessian;
   }
-  void add_mixed(const Pair& pair, int index, const Vector6& local) {
+  void add_mixed(const Unknowns& pair, int index, const Vector6& local) {
     for (size_t c = 0; c < free_.size(); ++c) {
-      if (free_[c] == index) add_gradient(pair, local, sum_.mixed.col(static_cast<Eigen::Index>(c)));
+      if (free_[c] == index) sum_.mixed.col(static_cast<Eigen::Index>(c))(pair) += local;
     }
   }
 
@@ -229,75 +288,6 @@ class Assembler {
   const std::vector<int>& free_;
   ChainEnergy sum_;
 };
-
-template <int N>
-void Assembler::add(const ChainSpan& span) {
-  const Pair pair{span.left.body, span.right.body};
-  const std::array<Jet<6>, 3> q = deformation<Jet<6>>(chain_, span, x_);
-  Eigen::Matrix<double, 6, 3> J;
-  for (int i = 0; i < 3; ++i) J.col(i) = q[static_cast<size_t>(i)].g;
-  std::array<Jet<N>, 3> local;
-  for (int i = 0; i < 3; ++i) local[static_cast<size_t>(i)] = Jet<N>::variable(q[static_cast<size_t>(i)].v, i);
-  const double t = p_[chain_.thickness], youngs = p_[chain_.E], poisson = p_[chain_.nu];
-  Jet<N> stored;
-  if constexpr (N == 3) {
-    stored = span_energy(chain_.plane_stress, span, local, youngs, poisson);
-  } else {
-    stored = span_energy(chain_.plane_stress, span, local, Jet<N>::variable(youngs, 3), Jet<N>::variable(poisson, 4));
-    add_mixed(pair, chain_.E, J * (t * stored.H.template block<3, 1>(0, 3)));
-    add_mixed(pair, chain_.nu, J * (t * stored.H.template block<3, 1>(0, 4)));
-    add_mixed(pair, chain_.thickness, J * stored.g.template head<3>());
-  }
-  const Eigen::Vector3d slope = t * stored.g.template head<3>();
-  const Eigen::Matrix3d curvature = t * stored.H.template topLeftCorner<3, 3>();
-  Matrix6 H = J * curvature * J.transpose();
-  for (int i = 0; i < 3; ++i) H += slope[i] * q[static_cast<size_t>(i)].H;
-  add(pair, t * stored.v, J * slope, H);
-}
-
-void Assembler::add(const ChainCable& cable) {
-  const Jet<1> phi = one_sided(elongation(chain_, cable, x_, p_), cable.smoothing);
-  const double k = p_[chain_.k_cable];
-  sum_.energy += k * phi.v;
-  if (phi.g[0] == 0) return;
-  Eigen::VectorXd along = Eigen::VectorXd::Zero(x_.size());
-  for (const auto& ends : cable.free_lengths) {
-    const Pair pair{ends[0].body, ends[1].body};
-    const Jet<6> length = distance<Jet<6>>(chain_, ends, x_);
-    add_gradient(pair, length.g, along);
-    add_hessian(pair, k * phi.g[0] * length.H);
-  }
-  sum_.gradient += k * phi.g[0] * along;
-  sum_.hessian += k * phi.H(0, 0) * along * along.transpose();
-  for (Eigen::Index c = 0; c < sum_.mixed.cols(); ++c) {
-    const int index = free_[static_cast<size_t>(c)];
-    if (index == chain_.k_cable) sum_.mixed.col(c) += phi.g[0] * along;
-    if (index == chain_.slack) sum_.mixed.col(c) -= k * phi.H(0, 0) * along;
-    if (index == cable.retraction) sum_.mixed.col(c) += k * phi.H(0, 0) * along;
-  }
-}
-
-void Assembler::add(const LipCorner& lip) {
-  const Jet<1> phi = one_sided(-gap<double>(chain_, lip, x_), lip_smoothing);
-  if (phi.g[0] == 0) return;
-  const Pair pair{lip.corner.body, lip.face.body};
-  const double stiffness = stiffness_of_lips(chain_, p_);
-  const Jet<6> open = gap<Jet<6>>(chain_, lip, x_);
-  const Vector6 push = -stiffness * phi.g[0] * open.g;
-  add(pair, stiffness * phi.v, push, stiffness * (phi.H(0, 0) * open.g * open.g.transpose() - phi.g[0] * open.H));
-  if (chain_.E_plastic >= 0) add_mixed(pair, chain_.E_plastic, push / p_[chain_.E_plastic]);
-  add_mixed(pair, chain_.thickness, push / p_[chain_.thickness]);
-}
-
-void Assembler::add(const ChainLoad& load) {
-  const Pair pair{load.at.body, -1};
-  const std::array<Jet<6>, 2> at = place<Jet<6>>(chain_, load.at, x_, 0);
-  const Jet<6> way = load.direction.x() * at[0] + load.direction.y() * at[1];
-  const double newtons = force(load, p_);
-  add(pair, -newtons * (way.v - load.direction.dot(load.at.rest)), -newtons * way.g, -newtons * way.H);
-  add_mixed(pair, load.value, -(load.times < 0 ? 1.0 : p_[load.times]) * way.g);
-  if (load.times >= 0) add_mixed(pair, load.times, -p_[load.value] * way.g);
-}
 
 }  // namespace
 
@@ -319,13 +309,7 @@ double BeamProtocol::Chain::energy(const Eigen::VectorXd& x, const Params& p) co
 ChainEnergy BeamProtocol::Chain::assemble(const Eigen::VectorXd& x, const Params& p,
                                           const std::vector<int>& free) const {
   Assembler sum(*this, x, p, free);
-  for (const ChainSpan& span : spans) {
-    if (free.empty()) {
-      sum.add<3>(span);
-    } else {
-      sum.add<5>(span);
-    }
-  }
+  for (const ChainSpan& span : spans) free.empty() ? sum.add<3>(span) : sum.add<5>(span);
   for (const ChainCable& cable : cables) sum.add(cable);
   for (const LipCorner& lip : lips) sum.add(lip);
   for (const ChainLoad& load : loads) sum.add(load);
@@ -347,13 +331,12 @@ std::string BeamProtocol::Chain::solve(Eigen::VectorXd& x, const Params& p, int&
       step = -factor.solve(sum.gradient);
     } else {
       // Downhill all the same: curvatures by their size.
-      const Eigen::MatrixXd scaled = unit.cwiseInverse().asDiagonal() * sum.hessian * unit.cwiseInverse().asDiagonal();
-      const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> modes(scaled);
-      const Eigen::VectorXd curvatures =
-          modes.eigenvalues().cwiseAbs().cwiseMax(1e-9 * modes.eigenvalues().cwiseAbs().maxCoeff());
-      const Eigen::VectorXd downhill = unit.cwiseInverse().asDiagonal() * sum.gradient;
-      step = -(unit.cwiseInverse().asDiagonal() *
-               (modes.eigenvectors() * (modes.eigenvectors().transpose() * downhill).cwiseQuotient(curvatures)).eval());
+      const auto scale = unit.cwiseInverse().asDiagonal();
+      const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> modes(scale * sum.hessian * scale);
+      const Eigen::VectorXd sizes = modes.eigenvalues().cwiseAbs(), downhill = scale * sum.gradient;
+      const Eigen::VectorXd curvatures = sizes.cwiseMax(1e-9 * sizes.maxCoeff());
+      const Eigen::MatrixXd& V = modes.eigenvectors();
+      step = -(scale * (V * (V.transpose() * downhill).cwiseQuotient(curvatures)).eval());
     }
     if (!step.allFinite()) return "the energy is not finite";
     const double length = step.cwiseProduct(unit).cwiseAbs().maxCoeff();

@@ -71,6 +71,8 @@ struct BeamProtocol::Chain {
   double lip_shape = 0;  ///< stiffness of one corner of a lip over (E_plastic thickness)
   int E = -1, nu = -1, thickness = -1, E_plastic = -1, k_cable = -1, slack = -1;
 
+  /// Table index of a parameter; -1: there is none of that name.
+  int index(const std::string& id) const { return table.contains(id) ? table.index(id) : -1; }
   double energy(const Eigen::VectorXd& x, const Params& p) const;
   /// With derivatives; `free`: table indices of the parameters of `mixed`.
   ChainEnergy assemble(const Eigen::VectorXd& x, const Params& p, const std::vector<int>& free) const;

@@ -156,7 +156,7 @@ namespace {
 constexpr const char* remedy = "; model = \"full\" takes the rest";
 
 [[noreturn]] void refuse(const Experiment& experiment, const std::string& part, const std::string& what) {
-  throw InputError(fmt::format("{}: {}: {}{}", experiment.path, part, what, remedy));
+  throw InputError(experiment.path + ": " + part + ": " + what + remedy);
 }
 
 /// The ways in which the experiment's body is a chain of beams; at least one.
@@ -198,10 +198,9 @@ void check(const Experiment& experiment, const Spine& spine) {
 /// The one whose end is clamped.
 Spine clamped_spine(const Experiment& experiment, const std::vector<Spine>& spines) {
   const SupportSettings& support = experiment.supports.front();
-  const auto found =
-      std::find_if(spines.begin(), spines.end(), [&](const Spine& spine) { return spine.clamped == support.on; });
+  const auto found = std::ranges::find(spines, support.on, &Spine::clamped);
   std::vector<int> fixed = support.fix;
-  std::sort(fixed.begin(), fixed.end());
+  std::ranges::sort(fixed);
   if (experiment.supports.size() != 1 || found == spines.end() || fixed != std::vector<int>{0, 1} ||
       !support.control.empty() || support.rotation_stiffness) {
     std::vector<std::string> ends;
@@ -296,6 +295,31 @@ BodyPoint seat(const Experiment& experiment, const std::string& part, const std:
   refuse(experiment, part, fmt::format("on a chain of beams it stands on '{}' or at a point of that face", face));
 }
 
+/// Loads and channels at the end of the chain.
+void add_loads_and_channels(const Experiment& experiment, const Spine& spine, BeamProtocol::Chain& chain) {
+  const ChainFrame frame{spine.origin, spine.along};
+  const auto along = [&](const std::vector<double>& direction) {
+    return frame.direction(Eigen::Vector2d(direction[0], direction[1]).normalized());
+  };
+  for (const LoadSettings& load : experiment.loads) {
+    const std::string part = fmt::format("[[load]] '{}'", load.id);
+    if (load.quantity != Quantity::force && load.quantity != Quantity::mass)
+      refuse(experiment, part, "a chain of beams carries forces and hung masses");
+    chain.loads.push_back({seat(experiment, part, load.on, load.point, spine.loaded, frame, chain),
+                           along(load.direction), chain.index(load.id),
+                           load.quantity == Quantity::mass ? chain.index("g") : -1});
+  }
+  for (const ChannelSettings& channel : experiment.channels) {
+    const std::string part = fmt::format("[[channel]] '{}'", channel.id);
+    if (channel.kind->name != "displacement")
+      refuse(experiment, part,
+             fmt::format("a chain of beams shows displacements, and this is a {}", channel.kind->name));
+    if (!channel.standoff.empty()) refuse(experiment, part, "a chain of beams carries no markers");
+    chain.channels.push_back(
+        {seat(experiment, part, channel.on, channel.point, spine.loaded, frame, chain), along(channel.direction)});
+  }
+}
+
 }  // namespace
 
 BeamBench make_beam_bench(const Experiment& experiment, const Trials& trials) {
@@ -322,47 +346,21 @@ BeamBench make_beam_bench(const Experiment& experiment, const Trials& trials) {
     if (experiment.cables.columns.count(experiment.bench.controls[k].id) > 0)
       chain->set_first.push_back(static_cast<int>(k));
   }
-  const auto index = [&](const std::string& id) { return chain->table.contains(id) ? chain->table.index(id) : -1; };
-  chain->E = index("E_" + spine.soft);
-  chain->nu = index("nu_" + spine.soft);
-  chain->thickness = index("thickness");
-  chain->E_plastic = index("E_" + spine.stiff);
-  chain->k_cable = index("k_cable");
-  chain->slack = index("slack");
+  chain->E = chain->index("E_" + spine.soft);
+  chain->nu = chain->index("nu_" + spine.soft);
+  chain->thickness = chain->index("thickness");
+  chain->E_plastic = chain->index("E_" + spine.stiff);
+  chain->k_cable = chain->index("k_cable");
+  chain->slack = chain->index("slack");
   chain->plane_stress = experiment.geometry.plane == Plane::stress;
-  const ChainFrame frame{spine.origin, spine.along};
   if (spine.stiff.empty()) {
     build_beam(spine.spans.front(), *chain);
   } else {
     build_module(experiment, spine, model, *chain);
   }
-
-  for (const LoadSettings& load : experiment.loads) {
-    const std::string part = fmt::format("[[load]] '{}'", load.id);
-    if (load.quantity != Quantity::force && load.quantity != Quantity::mass)
-      refuse(experiment, part, "a chain of beams carries forces and hung masses");
-    ChainLoad one;
-    one.at = seat(experiment, part, load.on, load.point, spine.loaded, frame, *chain);
-    one.direction = frame.direction(Eigen::Vector2d(load.direction[0], load.direction[1]).normalized());
-    one.value = index(load.id);
-    if (load.quantity == Quantity::mass) one.times = index("g");
-    chain->loads.push_back(one);
-  }
-  for (const ChannelSettings& channel : experiment.channels) {
-    const std::string part = fmt::format("[[channel]] '{}'", channel.id);
-    if (channel.kind->name != "displacement")
-      refuse(experiment, part,
-             fmt::format("a chain of beams shows displacements, and this is a {}", channel.kind->name));
-    if (!channel.standoff.empty()) refuse(experiment, part, "a chain of beams carries no markers");
-    chain->channels.push_back(
-        {seat(experiment, part, channel.on, channel.point, spine.loaded, frame, *chain),
-         frame.direction(Eigen::Vector2d(channel.direction[0], channel.direction[1]).normalized())});
-  }
-  BeamBench bench;
-  bench.protocol = std::make_unique<BeamProtocol>(std::move(chain));
-  bench.row_of_reading = std::move(rows.row_of_reading);
-  bench.measurements = std::move(rows.measurements);
-  return bench;
+  add_loads_and_channels(experiment, spine, *chain);
+  return {std::make_unique<BeamProtocol>(std::move(chain)), std::move(rows.row_of_reading),
+          std::move(rows.measurements)};
 }
 
 std::vector<FreeParameter> start_by_beams(const Experiment& experiment, const Trials& trials,

@@ -3,10 +3,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <map>
 #include <set>
+#include <tuple>
 
 #include "calib/models/beam_model.hpp"
 #include "sim/core/error.hpp"
@@ -50,23 +52,32 @@ struct Rows {
     }
   }
 
-  /// The readings of some rows.
-  Trials of(const std::set<int>& rows) const {
+  /// The readings of some rows, and the row of each.
+  std::pair<Trials, std::vector<int>> of(const std::set<int>& rows) const {
     Trials some = trials;
     some.readings.clear();
+    std::vector<int> row_of_reading;
     for (size_t i = 0; i < trials.readings.size(); ++i) {
-      if (rows.count(full.row_of_reading[i]) > 0) some.readings.push_back(trials.readings[i]);
+      if (rows.count(full.row_of_reading[i]) == 0) continue;
+      some.readings.push_back(trials.readings[i]);
+      row_of_reading.push_back(full.row_of_reading[i]);
     }
-    return some;
+    return {some, row_of_reading};
   }
-  /// The row of the full model for each row of a bench that was made of `of(rows)`.
-  std::vector<int> map(const std::set<int>& rows, const std::vector<int>& row_of_reading, int row_count) const {
-    std::vector<int> to(static_cast<size_t>(row_count));
-    size_t k = 0;
-    for (size_t i = 0; i < trials.readings.size(); ++i) {
-      if (rows.count(full.row_of_reading[i]) > 0) to[static_cast<size_t>(row_of_reading[k++])] = full.row_of_reading[i];
-    }
-    return to;
+  /// A bench of some rows, with the row of the full model for each of its own.
+  template <class Make>
+  auto make(const std::set<int>& rows, Make&& make_bench) const {
+    const auto [some, row_of_reading] = of(rows);
+    auto bench = make_bench(some);
+    std::vector<int> to(static_cast<size_t>(bench.protocol->row_count()));
+    for (size_t k = 0; k < row_of_reading.size(); ++k) at(to, bench.row_of_reading[k]) = row_of_reading[k];
+    return std::pair(std::move(bench), to);
+  }
+  auto beams(const std::set<int>& rows, const Experiment& with) const {
+    return make(rows, [&](const Trials& some) { return make_beam_bench(with, some); });
+  }
+  auto elements(const std::set<int>& rows, const Experiment& with, const MeshSettings& mesh) const {
+    return make(rows, [&](const Trials& some) { return make_static_replay(with, mesh, some); });
   }
 };
 
@@ -75,20 +86,19 @@ struct Tried {
   RungTrial trial;
   std::vector<int> rows;  ///< of the full model, per row of its own
   StaticReplay bench;     ///< of finite elements
-  std::vector<double> values;
-};
+  Eigen::VectorXd values;
 
-void predict(Tried& tried, Protocol& protocol, int rows) {
-  const Stopwatch watch;
-  const int before = protocol.factorisations();
-  const Prediction prediction = protocol.predict(protocol.nominal(), {});
-  tried.trial.seconds = watch.seconds();
-  tried.trial.factorisations = protocol.factorisations() - before;
-  tried.trial.rows = static_cast<int>(tried.rows.size());
-  tried.values.assign(static_cast<size_t>(rows), not_a_number);
-  for (size_t k = 0; k < tried.rows.size(); ++k)
-    at(tried.values, tried.rows[k]) = prediction.values[static_cast<Eigen::Index>(k)];
-}
+  void predict(Protocol& protocol, int row_count) {
+    const Stopwatch watch;
+    const int before = protocol.factorisations();
+    const Prediction prediction = protocol.predict(protocol.nominal(), {});
+    trial.seconds = watch.seconds();
+    trial.factorisations = protocol.factorisations() - before;
+    trial.rows = static_cast<int>(rows.size());
+    values = Eigen::VectorXd::Constant(row_count, not_a_number);
+    values(rows) = prediction.values;
+  }
+};
 
 /// Finite elements for some rows, with the model and mesh as given.
 Tried try_elements(const Rows& rows, const std::set<int>& chosen, Experiment experiment, Rung rung,
@@ -96,16 +106,15 @@ Tried try_elements(const Rows& rows, const std::set<int>& chosen, Experiment exp
   Tried tried;
   tried.trial.rung = rung;
   experiment.model = rung;
-  tried.bench = make_static_replay(experiment, mesh, rows.of(chosen));
+  std::tie(tried.bench, tried.rows) = rows.elements(chosen, experiment, mesh);
   tried.trial.unknowns = Reduction(*tried.bench.protocol->scene().model).size();
-  tried.rows = rows.map(chosen, tried.bench.row_of_reading, tried.bench.protocol->row_count());
-  predict(tried, *tried.bench.protocol, rows.count());
+  tried.predict(*tried.bench.protocol, rows.count());
   return tried;
 }
 
 /// Changes of the values of a rung of rigid segments by one Newton step of the full model, by rows of the full model;
 /// infinite where its Hessian is not positive definite.
-std::vector<double> newton_changes(const Rows& rows, const Tried& rigid, StaticProtocol& full) {
+Eigen::VectorXd newton_changes(const Rows& rows, const Tried& rigid, StaticProtocol& full) {
   const StaticProtocol& from = *rigid.bench.protocol;
   const Model& model = *full.scene().model;
   std::vector<Eigen::VectorXd> steps;
@@ -127,27 +136,31 @@ std::vector<double> newton_changes(const Rows& rows, const Tried& rigid, StaticP
     if (step.size() == 0) return infinity;
     return full.channels()[static_cast<size_t>(channel)].channel->gradient({at.u, at.p}).dot(step);
   };
-  std::vector<double> changes(static_cast<size_t>(rows.count()), not_a_number);
+  Eigen::VectorXd changes = Eigen::VectorXd::Constant(rows.count(), not_a_number);
   for (size_t c = 0; c < from.conditions().size(); ++c) {
     const StaticProtocol::Condition& condition = from.conditions()[c];
     for (int row : condition.rows) {
       const int channel = at(from.rows(), row).channel, to = at(rigid.rows, row);
       double change = moved(static_cast<int>(c), channel);
       if (condition.unloaded >= 0) change -= moved(condition.unloaded, channel);
-      at(changes, to) = std::isfinite(change) ? std::abs(change / at(rigid.values, to)) : infinity;
+      changes[to] = std::isfinite(change) ? std::abs(change / rigid.values[to]) : infinity;
     }
   }
   return changes;
 }
 
+/// Whether anything has come within the contact gap of a bench in a state.
+bool touches(const StaticReplay& bench, const Eigen::VectorXd& u) {
+  const double gap = bench.protocol->nominal()[bench.protocol->parameters().index("contact_gap")];
+  return bench.contact->smallest_distance(u, gap) < gap;
+}
+
 /// Whether anything touches in the state of each row.
 void mark_closed(const Tried& tried, std::vector<RowChoice>& choices) {
   if (tried.bench.contact == nullptr) return;
-  const StaticProtocol& protocol = *tried.bench.protocol;
-  const double gap = protocol.nominal()[protocol.parameters().index("contact_gap")];
-  for (const StaticProtocol::Condition& condition : protocol.conditions()) {
+  for (const StaticProtocol::Condition& condition : tried.bench.protocol->conditions()) {
     if (condition.u.size() == 0) continue;
-    const bool closed = tried.bench.contact->smallest_distance(condition.u, gap) < gap;
+    const bool closed = touches(tried.bench, condition.u);
     for (int row : condition.rows) at(choices, at(tried.rows, row)).closed = closed;
   }
 }
@@ -166,18 +179,9 @@ std::string percent(double fraction) {
   return std::isfinite(fraction) ? fmt::format("{:.2g} %", 100 * fraction) : std::string("an unknown amount");
 }
 
-std::string words(Rung rung) {
-  switch (rung) {
-    case Rung::beam:
-      return "a chain of beams";
-    case Rung::rigid_segments:
-      return "finite elements with rigid segments";
-    case Rung::full:
-      return "the full model";
-    default:
-      return "the solid";
-  }
-}
+/// In the order of Rung.
+constexpr std::array<const char*, 4> words{"a chain of beams", "finite elements with rigid segments", "the full model",
+                                           "the solid"};
 
 /// One protocol for each rung that rows have been given to, and for paths with and without contact.
 std::vector<LadderProtocol::Part> make_parts(const Rows& rows, const Experiment& experiment,
@@ -199,18 +203,18 @@ std::vector<LadderProtocol::Part> make_parts(const Rows& rows, const Experiment&
     LadderProtocol::Part& part = parts.emplace_back();
     part.rung = rung;
     if (rung == Rung::beam) {
-      BeamBench bench = make_beam_bench(experiment, rows.of(chosen));
-      part.rows = rows.map(chosen, bench.row_of_reading, bench.protocol->row_count());
+      auto [bench, to] = rows.beams(chosen, experiment);
+      part.rows = to;
       part.protocol = std::move(bench.protocol);
       continue;
     }
     Experiment as = experiment;
     as.model = rung;
     const MeshSettings mesh = rung == Rung::solid ? deepened(as, as.mesh) : as.mesh;
-    if (idle) part.watch = make_static_replay(as, mesh, rows.of(chosen));
+    if (idle) part.watch = rows.elements(chosen, as, mesh).first;
     as.contact.idle = idle;
-    StaticReplay bench = make_static_replay(as, mesh, rows.of(chosen));
-    part.rows = rows.map(chosen, bench.row_of_reading, bench.protocol->row_count());
+    auto [bench, to] = rows.elements(chosen, as, mesh);
+    part.rows = to;
     part.idle = idle ? bench.protocol.get() : nullptr;
     part.protocol = std::move(bench.protocol);
   }
@@ -218,15 +222,12 @@ std::vector<LadderProtocol::Part> make_parts(const Rows& rows, const Experiment&
 }
 
 /// The values of rows on the rungs chosen for them, of a plane section of the other kind.
-std::vector<double> other_plane(const Rows& rows, const std::vector<RowChoice>& choices) {
+Eigen::VectorXd other_plane(const Rows& rows, const std::vector<RowChoice>& choices) {
   Experiment other = rows.experiment;
   other.geometry.plane = other.geometry.plane == Plane::strain ? Plane::stress : Plane::strain;
-  std::vector<double> values(static_cast<size_t>(rows.count()), not_a_number);
-  for (const LadderProtocol::Part& part : make_parts(rows, other, choices)) {
-    const Prediction prediction = part.protocol->predict(part.protocol->nominal(), {});
-    for (size_t k = 0; k < part.rows.size(); ++k)
-      at(values, part.rows[k]) = prediction.values[static_cast<Eigen::Index>(k)];
-  }
+  Eigen::VectorXd values = Eigen::VectorXd::Constant(rows.count(), not_a_number);
+  for (const LadderProtocol::Part& part : make_parts(rows, other, choices))
+    values(part.rows) = part.protocol->predict(part.protocol->nominal(), {}).values;
   return values;
 }
 
@@ -257,7 +258,8 @@ std::string describe(const Ladder& ladder, double tolerance, const std::string& 
       compliance = std::max(compliance, row.compliance);
     }
     if (count == 0) continue;
-    text += fmt::format("{}{} of {} rows from {}", text.empty() ? "" : "; ", count, ladder.rows.size(), words(rung));
+    text += fmt::format("{}{} of {} rows from {}", text.empty() ? "" : "; ", count, ladder.rows.size(),
+                        words[static_cast<size_t>(rung)]);
     if (rung == Rung::beam)
       text += fmt::format(" (off by at most {})", percent(change));
     else if (rung == Rung::rigid_segments)
@@ -271,26 +273,16 @@ std::string describe(const Ladder& ladder, double tolerance, const std::string& 
                      percent(tolerance), text, ladder.seconds, ladder.replay_seconds);
 }
 
-}  // namespace
-
-LadderProtocol::LadderProtocol(ParameterTable parameters, Params nominal, int rows, std::vector<Part> parts)
-    : parameters_(std::move(parameters)), nominal_(std::move(nominal)), rows_(rows), parts_(std::move(parts)) {}
-
-namespace {
-
 /// Whether anything has come within the contact gap in a state of a part that does not look for contact.
 bool touches(const LadderProtocol::Part& part) {
-  const StaticProtocol& with = *part.watch.protocol;
-  const double gap = with.nominal()[with.parameters().index("contact_gap")];
-  for (const StaticProtocol::Condition& condition : part.idle->conditions()) {
-    if (condition.u.size() > 0 && part.watch.contact->smallest_distance(condition.u, gap) < gap) return true;
-  }
-  return false;
+  return std::ranges::any_of(part.idle->conditions(), [&](const StaticProtocol::Condition& condition) {
+    return condition.u.size() > 0 && touches(part.watch, condition.u);
+  });
 }
 
 /// What a part says, by its own table and indices.
 Prediction ask(Protocol& protocol, const ParameterTable& parameters, const Params& p, const std::vector<int>& free,
-               std::vector<Eigen::Index>& column) {
+               std::vector<int>& column) {
   const ParameterTable& table = protocol.parameters();
   Params own = protocol.nominal();
   for (int i = 0; i < table.size(); ++i) {
@@ -302,7 +294,7 @@ Prediction ask(Protocol& protocol, const ParameterTable& parameters, const Param
     const std::string& id = parameters[free[k]].id;
     if (!table.contains(id)) continue;
     indices.push_back(table.index(id));
-    column.push_back(static_cast<Eigen::Index>(k));
+    column.push_back(static_cast<int>(k));
   }
   return protocol.predict(own, indices);
 }
@@ -315,7 +307,7 @@ Prediction LadderProtocol::predict(const Params& p, const std::vector<int>& free
   all.values = Eigen::VectorXd::Constant(rows_, not_a_number);
   if (columns > 0) all.derivatives = Eigen::MatrixXd::Zero(rows_, columns);
   for (Part& part : parts_) {
-    std::vector<Eigen::Index> column;
+    std::vector<int> column;
     Prediction some = ask(*part.protocol, parameters_, p, free, column);
     if (part.idle != nullptr && (!some.complete() || touches(part))) {
       factorisations_before_ += part.protocol->factorisations();
@@ -324,19 +316,11 @@ Prediction LadderProtocol::predict(const Params& p, const std::vector<int>& free
       if (searching_) part.protocol->begin_search();
       some = ask(*part.protocol, parameters_, p, free, column);
     }
-    for (size_t r = 0; r < part.rows.size(); ++r) {
-      all.values[part.rows[r]] = some.values[static_cast<Eigen::Index>(r)];
-      for (size_t k = 0; k < column.size(); ++k)
-        all.derivatives(part.rows[r], column[k]) =
-            some.derivatives(static_cast<Eigen::Index>(r), static_cast<Eigen::Index>(k));
-    }
+    all.values(part.rows) = some.values;
+    if (!column.empty()) all.derivatives(part.rows, column) = some.derivatives;
     all.failures.insert(all.failures.end(), some.failures.begin(), some.failures.end());
   }
   return all;
-}
-
-void LadderProtocol::forget() {
-  for (Part& part : parts_) part.protocol->forget();
 }
 
 void LadderProtocol::begin_search() {
@@ -356,8 +340,7 @@ int LadderProtocol::factorisations() const {
 }
 
 int LadderProtocol::idle_parts() const {
-  return static_cast<int>(
-      std::count_if(parts_.begin(), parts_.end(), [](const Part& part) { return part.idle != nullptr; }));
+  return static_cast<int>(std::ranges::count_if(parts_, [](const Part& part) { return part.idle != nullptr; }));
 }
 
 namespace {
@@ -369,24 +352,105 @@ class Climb {
       : experiment_(experiment),
         tolerance_(experiment.tolerance),
         rows_(experiment, trials, full),
-        beam_(static_cast<size_t>(rows_.count()), not_a_number),
+        beam_(Eigen::VectorXd::Constant(rows_.count(), not_a_number)),
         values_(beam_) {
-    ladder.rows.resize(beam_.size());
+    ladder.rows.resize(rows_.path.size());
     for (int row = 0; row < rows_.count(); ++row) all_.insert(row);
     undecided_ = all_;
   }
   Ladder ladder;
 
-  void try_beams();
-  void try_rigid_segments();
-  void try_full_model();
-  /// Makes the protocol of the rungs chosen, and replays it.
-  void replay();
-  /// Asks whether a plane section will do, and takes the solid where not. Returns what was found.
-  std::string check_planes();
-  int failed_rows() const {
-    return static_cast<int>(std::ranges::count_if(values_, [](double value) { return !std::isfinite(value); }));
+  void try_beams() {
+    Eigen::VectorXd stated = Eigen::VectorXd::Constant(rows_.count(), infinity);
+    try {
+      const auto [bench, to] = rows_.beams(all_, experiment_);
+      Tried tried;
+      tried.trial.rung = Rung::beam;
+      tried.trial.unknowns = bench.protocol->unknowns();
+      tried.rows = to;
+      tried.predict(*bench.protocol, rows_.count());
+      beam_ = tried.values;
+      for (size_t k = 0; k < to.size(); ++k) stated[to[k]] = bench.protocol->stated_error(static_cast<int>(k));
+      ladder.trials.push_back(tried.trial);
+    } catch (const InputError& error) {
+      cannot(Rung::beam, error.what());
+    }
+    for (int row : all_) choice(row).change = stated[row];
+    take(
+        Rung::beam, [&](int row) { return stated[row] <= tolerance_; }, [&](int row) { return stated[row]; });
   }
+
+  /// Rigid segments, and what one Newton step of the full model makes of them.
+  void try_rigid_segments() {
+    if (undecided_.empty()) return;
+    try {
+      const Tried tried = try_elements(rows_, undecided_, experiment_, Rung::rigid_segments, experiment_.mesh);
+      ladder.trials.push_back(tried.trial);
+      mark_closed(tried, ladder.rows);
+      const StaticReplay whole = rows_.elements(undecided_, experiment_, experiment_.mesh).first;
+      const Eigen::VectorXd changes = newton_changes(rows_, tried, *whole.protocol);
+      for (int row : undecided_) choice(row).compliance = changes[row];
+      const auto from_beam = [&](int row) { return relative_change(beam_[row], tried.values[row]); };
+      const auto compliance = [&](int row) { return choice(row).compliance; };
+      take(
+          Rung::beam, [&](int row) { return from_beam(row) + compliance(row) <= tolerance_; }, from_beam);
+      take(
+          Rung::rigid_segments, [&](int row) { return compliance(row) <= 0.5 * tolerance_; }, compliance);
+    } catch (const InputError& error) {
+      cannot(Rung::rigid_segments, error.what());
+    }
+  }
+
+  /// The full model, and where there is nothing in between the beams against it.
+  void try_full_model() {
+    if (undecided_.empty()) return;
+    const Tried tried = try_elements(rows_, undecided_, experiment_, Rung::full, experiment_.mesh);
+    ladder.trials.push_back(tried.trial);
+    mark_closed(tried, ladder.rows);
+    const auto from_beam = [&](int row) { return relative_change(beam_[row], tried.values[row]); };
+    take(
+        Rung::beam, [&](int row) { return from_beam(row) <= tolerance_; }, from_beam);
+    take(
+        Rung::full, [](int) { return true; }, [](int) { return not_a_number; });
+  }
+
+  /// Makes the protocol of the rungs chosen, and replays it.
+  void replay() {
+    const StaticProtocol& full = *rows_.full.protocol;
+    ladder.protocol = std::make_unique<LadderProtocol>(full.parameters(), full.nominal(), rows_.count(),
+                                                       make_parts(rows_, experiment_, ladder.rows));
+    const Stopwatch watch;
+    values_ = ladder.protocol->predict(ladder.protocol->nominal(), {}).values;
+    ladder.replay_seconds = watch.seconds();
+  }
+
+  /// Between plane stress and plane strain lies the solid: asks whether a plane section will do, and takes the solid
+  /// where not. Returns what was found.
+  std::string check_planes() {
+    if (experiment_.geometry.dimension != 2) return "";
+    const Eigen::VectorXd other = other_plane(rows_, ladder.rows);
+    std::set<int> doubtful;
+    double widest = 0;
+    for (int row : all_) {
+      const double apart = relative_change(values_[row], other[row]);
+      widest = std::max(widest, apart);
+      if (!(apart <= tolerance_)) doubtful.insert(row);
+    }
+    std::string remark;
+    if (!doubtful.empty()) {
+      try {
+        remark = try_solid(whole_paths(rows_, doubtful));
+      } catch (const InputError& error) {
+        cannot(Rung::solid, error.what());
+        remark = "no solid could be tried";
+      }
+      if (needs_solid()) replay();
+    }
+    return fmt::format("plane stress and plane strain differ by at most {}{}{}", percent(widest),
+                       remark.empty() ? "" : ", and ", remark);
+  }
+
+  int failed_rows() const { return static_cast<int>((!values_.array().isFinite()).count()); }
   bool needs_solid() const { return std::ranges::count(ladder.rows, Rung::solid, &RowChoice::rung) > 0; }
 
  private:
@@ -396,180 +460,84 @@ class Climb {
     trial.rung = rung;
     trial.cannot = why;
   }
+  int unknowns_of(const std::set<int>& rows, const MeshSettings& mesh) const {
+    return rows_.elements(rows, experiment_, mesh).first.protocol->scene().model->free_unknowns();
+  }
   /// Gives a rung the undecided rows whose whole paths are good, with the change that is told of each.
   template <class Good, class Change>
-  void take(Rung rung, Good&& good, Change&& change);
-  std::string try_solid(const std::set<int>& doubtful);
-  std::string take_solid(const std::set<int>& doubtful, const MeshSettings& mesh);
-  std::string ask_coarse_solid(const std::set<int>& doubtful, int unknowns);
+  void take(Rung rung, Good&& good, Change&& change) {
+    std::set<int> bad, accepted = undecided_;
+    for (int row : undecided_) {
+      if (!good(row)) bad.insert(row);
+    }
+    for (int row : whole_paths(rows_, bad)) accepted.erase(row);
+    for (int row : accepted) {
+      choice(row).rung = rung;
+      choice(row).change = change(row);
+      undecided_.erase(row);
+    }
+  }
+
+  /// Replays doubtful rows as a solid, and gives it those that it changes by more than the tolerance. Returns what was
+  /// found, as the end of a sentence.
+  std::string try_solid(const std::set<int>& doubtful) {
+    const MeshSettings mesh = deepened(experiment_, experiment_.mesh);
+    const int unknowns = unknowns_of(doubtful, mesh);
+    return unknowns <= most_solid_unknowns ? take_solid(doubtful, mesh) : ask_coarse_solid(doubtful, unknowns);
+  }
+
+  std::string take_solid(const std::set<int>& doubtful, const MeshSettings& mesh) {
+    const Tried solid = try_elements(rows_, doubtful, experiment_, Rung::solid, mesh);
+    ladder.trials.push_back(solid.trial);
+    double largest = 0;
+    std::set<int> changed;
+    for (int row : doubtful) {
+      const double change = relative_change(values_[row], solid.values[row]);
+      choice(row).change = change;
+      largest = std::max(largest, change);
+      if (!(change <= tolerance_)) changed.insert(row);
+    }
+    for (int row : whole_paths(rows_, changed)) {
+      choice(row).rung = Rung::solid;
+      choice(row).change = not_a_number;
+    }
+    return fmt::format("the solid changes rows by up to {}", percent(largest));
+  }
+
+  /// Where the solid itself has too many `unknowns`: coarse ones tell what it would change.
+  std::string ask_coarse_solid(const std::set<int>& doubtful, int unknowns) {
+    const MeshSettings coarse = refined(experiment_.mesh, experiment_.geometry, 0.5);
+    const MeshSettings coarse_solid = deepened(experiment_, coarse);
+    const std::set<int> light = lightest(rows_, doubtful);
+    if (unknowns_of(light, coarse_solid) > most_coarse_unknowns)
+      return fmt::format("the solid that would decide has {} unknowns and was not tried (model = \"solid\" takes it)",
+                         unknowns);
+    const Tried plane = try_elements(rows_, light, experiment_, Rung::full, coarse);
+    const Tried solid = try_elements(rows_, light, experiment_, Rung::solid, coarse_solid);
+    ladder.trials.push_back(solid.trial);
+    double largest = 0;
+    for (int row : light) {
+      const double change = relative_change(plane.values[row], solid.values[row]);
+      largest = std::max(largest, change);
+      for (int same : doubtful) {
+        if (at(rows_.path, same) == at(rows_.path, row)) choice(same).change = change;
+      }
+    }
+    return fmt::format(
+        "a coarse solid changes rows by up to {}{}", percent(largest),
+        largest <= tolerance_
+            ? std::string()
+            : fmt::format(", which is left as it is: the solid has {} unknowns (model = \"solid\" takes it)",
+                          unknowns));
+  }
 
   const Experiment& experiment_;
   double tolerance_;
   Rows rows_;
   std::set<int> all_, undecided_;
-  std::vector<double> beam_;    ///< values from the chain of beams; NaN: none
-  std::vector<double> values_;  ///< from the rungs chosen
+  Eigen::VectorXd beam_;    ///< values from the chain of beams; NaN: none
+  Eigen::VectorXd values_;  ///< from the rungs chosen
 };
-
-template <class Good, class Change>
-void Climb::take(Rung rung, Good&& good, Change&& change) {
-  std::set<int> bad, accepted = undecided_;
-  for (int row : undecided_) {
-    if (!good(row)) bad.insert(row);
-  }
-  for (int row : whole_paths(rows_, bad)) accepted.erase(row);
-  for (int row : accepted) {
-    choice(row).rung = rung;
-    choice(row).change = change(row);
-    undecided_.erase(row);
-  }
-}
-
-void Climb::try_beams() {
-  std::vector<double> stated(beam_.size(), infinity);
-  try {
-    const BeamBench bench = make_beam_bench(experiment_, rows_.trials);
-    Tried tried;
-    tried.trial.rung = Rung::beam;
-    tried.trial.unknowns = bench.protocol->unknowns();
-    tried.rows = rows_.map(all_, bench.row_of_reading, bench.protocol->row_count());
-    predict(tried, *bench.protocol, rows_.count());
-    beam_ = tried.values;
-    for (size_t k = 0; k < tried.rows.size(); ++k)
-      at(stated, tried.rows[k]) = bench.protocol->stated_error(static_cast<int>(k));
-    ladder.trials.push_back(tried.trial);
-  } catch (const InputError& error) {
-    cannot(Rung::beam, error.what());
-  }
-  for (int row : all_) choice(row).change = at(stated, row);
-  take(
-      Rung::beam, [&](int row) { return at(stated, row) <= tolerance_; }, [&](int row) { return at(stated, row); });
-}
-
-/// Rigid segments, and what one Newton step of the full model makes of them.
-void Climb::try_rigid_segments() {
-  if (undecided_.empty()) return;
-  try {
-    const Tried tried = try_elements(rows_, undecided_, experiment_, Rung::rigid_segments, experiment_.mesh);
-    ladder.trials.push_back(tried.trial);
-    mark_closed(tried, ladder.rows);
-    const StaticReplay whole = make_static_replay(experiment_, experiment_.mesh, rows_.of(undecided_));
-    const std::vector<double> changes = newton_changes(rows_, tried, *whole.protocol);
-    for (int row : undecided_) choice(row).compliance = at(changes, row);
-    const auto from_beam = [&](int row) { return relative_change(at(beam_, row), at(tried.values, row)); };
-    const auto compliance = [&](int row) { return choice(row).compliance; };
-    take(
-        Rung::beam, [&](int row) { return from_beam(row) + compliance(row) <= tolerance_; }, from_beam);
-    take(
-        Rung::rigid_segments, [&](int row) { return compliance(row) <= 0.5 * tolerance_; }, compliance);
-  } catch (const InputError& error) {
-    cannot(Rung::rigid_segments, error.what());
-  }
-}
-
-/// The full model, and where there is nothing in between the beams against it.
-void Climb::try_full_model() {
-  if (undecided_.empty()) return;
-  const Tried tried = try_elements(rows_, undecided_, experiment_, Rung::full, experiment_.mesh);
-  ladder.trials.push_back(tried.trial);
-  mark_closed(tried, ladder.rows);
-  const auto from_beam = [&](int row) { return relative_change(at(beam_, row), at(tried.values, row)); };
-  take(
-      Rung::beam, [&](int row) { return from_beam(row) <= tolerance_; }, from_beam);
-  take(
-      Rung::full, [](int) { return true; }, [](int) { return not_a_number; });
-}
-
-void Climb::replay() {
-  const StaticProtocol& full = *rows_.full.protocol;
-  ladder.protocol = std::make_unique<LadderProtocol>(full.parameters(), full.nominal(), rows_.count(),
-                                                     make_parts(rows_, experiment_, ladder.rows));
-  const Stopwatch watch;
-  const Prediction prediction = ladder.protocol->predict(ladder.protocol->nominal(), {});
-  ladder.replay_seconds = watch.seconds();
-  std::copy(prediction.values.begin(), prediction.values.end(), values_.begin());
-}
-
-/// Between plane stress and plane strain lies the solid.
-std::string Climb::check_planes() {
-  if (experiment_.geometry.dimension != 2) return "";
-  const std::vector<double> other = other_plane(rows_, ladder.rows);
-  std::set<int> doubtful;
-  double widest = 0;
-  for (int row : all_) {
-    const double apart = relative_change(at(values_, row), at(other, row));
-    widest = std::max(widest, apart);
-    if (!(apart <= tolerance_)) doubtful.insert(row);
-  }
-  std::string remark;
-  if (!doubtful.empty()) {
-    try {
-      remark = try_solid(whole_paths(rows_, doubtful));
-    } catch (const InputError& error) {
-      cannot(Rung::solid, error.what());
-      remark = "no solid could be tried";
-    }
-    if (needs_solid()) replay();
-  }
-  return fmt::format("plane stress and plane strain differ by at most {}{}{}", percent(widest),
-                     remark.empty() ? "" : ", and ", remark);
-}
-
-/// Replays doubtful rows as a solid, and gives it those that it changes by more than the tolerance. Returns what was
-/// found, as the end of a sentence.
-std::string Climb::try_solid(const std::set<int>& doubtful) {
-  const MeshSettings mesh = deepened(experiment_, experiment_.mesh);
-  const int unknowns =
-      make_static_replay(experiment_, mesh, rows_.of(doubtful)).protocol->scene().model->free_unknowns();
-  return unknowns <= most_solid_unknowns ? take_solid(doubtful, mesh) : ask_coarse_solid(doubtful, unknowns);
-}
-
-std::string Climb::take_solid(const std::set<int>& doubtful, const MeshSettings& mesh) {
-  const Tried solid = try_elements(rows_, doubtful, experiment_, Rung::solid, mesh);
-  ladder.trials.push_back(solid.trial);
-  double largest = 0;
-  std::set<int> changed;
-  for (int row : doubtful) {
-    const double change = relative_change(at(values_, row), at(solid.values, row));
-    choice(row).change = change;
-    largest = std::max(largest, change);
-    if (!(change <= tolerance_)) changed.insert(row);
-  }
-  for (int row : whole_paths(rows_, changed)) {
-    choice(row).rung = Rung::solid;
-    choice(row).change = not_a_number;
-  }
-  return fmt::format("the solid changes rows by up to {}", percent(largest));
-}
-
-/// Where the solid itself has too many `unknowns`: coarse ones tell what it would change.
-std::string Climb::ask_coarse_solid(const std::set<int>& doubtful, int unknowns) {
-  const MeshSettings coarse = refined(experiment_.mesh, experiment_.geometry, 0.5);
-  const MeshSettings coarse_solid = deepened(experiment_, coarse);
-  const std::set<int> light = lightest(rows_, doubtful);
-  const int coarse_unknowns =
-      make_static_replay(experiment_, coarse_solid, rows_.of(light)).protocol->scene().model->free_unknowns();
-  if (coarse_unknowns > most_coarse_unknowns) {
-    return fmt::format("the solid that would decide has {} unknowns and was not tried (model = \"solid\" takes it)",
-                       unknowns);
-  }
-  const Tried plane = try_elements(rows_, light, experiment_, Rung::full, coarse);
-  const Tried solid = try_elements(rows_, light, experiment_, Rung::solid, coarse_solid);
-  ladder.trials.push_back(solid.trial);
-  double largest = 0;
-  for (int row : light) {
-    const double change = relative_change(at(plane.values, row), at(solid.values, row));
-    largest = std::max(largest, change);
-    for (int same : doubtful) {
-      if (at(rows_.path, same) == at(rows_.path, row)) choice(same).change = change;
-    }
-  }
-  return fmt::format(
-      "a coarse solid changes rows by up to {}{}", percent(largest),
-      largest <= tolerance_
-          ? std::string()
-          : fmt::format(", which is left as it is: the solid has {} unknowns (model = \"solid\" takes it)", unknowns));
-}
 
 }  // namespace
 
@@ -581,13 +549,10 @@ Ladder climb(const Experiment& experiment, const Trials& trials, const StaticRep
   climb.try_full_model();
   climb.replay();
   std::string remark = climb.check_planes();
-  for (const FreeSettings& free : experiment.free) {
-    if (free.id == "thickness" && climb.needs_solid())
-      throw InputError(
-          fmt::format("{}: [fit.free.thickness]: some rows need the solid, whose thickness is its mesh; fix it, "
-                      "or set model = \"full\"",
-                      experiment.path));
-  }
+  if (climb.needs_solid() && std::ranges::count(experiment.free, "thickness", &FreeSettings::id) > 0)
+    throw InputError(experiment.path +
+                     ": [fit.free.thickness]: some rows need the solid, whose thickness is its mesh; fix it, or set "
+                     "model = \"full\"");
   if (const int failed = climb.failed_rows(); failed > 0)
     remark += fmt::format("{}{} rows have no equilibrium", remark.empty() ? "" : "; ", failed);
   climb.ladder.seconds = watch.seconds();

@@ -2,6 +2,7 @@
 #include <memory>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "calib/benches/static_replay.hpp"
@@ -21,13 +22,16 @@ class LadderProtocol final : public Protocol {
     const StaticProtocol* idle = nullptr;
     StaticReplay watch;  ///< then the same with contact: takes its place as soon as a gap closes
   };
-  LadderProtocol(ParameterTable parameters, Params nominal, int rows, std::vector<Part> parts);
+  LadderProtocol(ParameterTable parameters, Params nominal, int rows, std::vector<Part> parts)
+      : parameters_(std::move(parameters)), nominal_(std::move(nominal)), rows_(rows), parts_(std::move(parts)) {}
 
   const ParameterTable& parameters() const override { return parameters_; }
   const Params& nominal() const override { return nominal_; }
   int row_count() const override { return rows_; }
   Prediction predict(const Params& p, const std::vector<int>& free) override;
-  void forget() override;
+  void forget() override {
+    for (Part& part : parts_) part.protocol->forget();
+  }
   void begin_search() override;
   void end_search() override;
   int factorisations() const override;

@@ -1,6 +1,7 @@
 #include "calib/studies/accuracy.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <Eigen/SVD>
 #include <algorithm>
@@ -17,10 +18,8 @@
 namespace taut {
 namespace {
 
-std::string packed(const double* values, Eigen::Index count) {
-  std::string text;
-  for (Eigen::Index i = 0; i < count; ++i) text += fmt::format("{}{}", i == 0 ? "" : " ", values[i]);
-  return text;
+std::string packed(const Eigen::MatrixXd& values) {
+  return fmt::format("{}", fmt::join(values.data(), values.data() + values.size(), " "));
 }
 
 std::vector<double> unpacked(const std::string& text) {
@@ -41,8 +40,8 @@ Cells cells_of(const AccuracySetting& setting, const AccuracyRun& run) {
           fmt::format("{:.6g}", run.seconds),
           fmt::format("{}", run.factorisations),
           run.failure,
-          good ? packed(run.values.data(), run.values.size()) : "",
-          good ? packed(run.derivatives.data(), run.derivatives.size()) : ""};
+          good ? packed(run.values) : "",
+          good ? packed(run.derivatives) : ""};
 }
 
 /// Nothing where there is neither a reason nor as many numbers as a result has.
@@ -62,16 +61,14 @@ std::optional<AccuracyRun> run_of(const Cells& cells, size_t parameters) {
 }
 
 /// Runs a setting; nothing when it was interrupted, or the budget ended.
-std::optional<AccuracyRun> run_setting(const AccuracyStudy& study, const AccuracySetting& setting,
-                                       const Deadline& deadline) {
+std::optional<AccuracyRun> run_setting(const AccuracySetting& setting, const Deadline& deadline) {
   AccuracyRun run;
   const Stopwatch watch;
   try {
     run = setting.run(deadline.flag());
   } catch (const InputError& error) {
-    run.failure = error.what();
-    // The file need not be told in its own chart.
-    if (run.failure.starts_with(study.path + ": ")) run.failure.erase(0, study.path.size() + 2);
+    const auto* of_file = dynamic_cast<const FileError*>(&error);
+    run.failure = of_file != nullptr ? of_file->reason : error.what();  // its own chart need not be told the file
     run.seconds = watch.seconds();
   }
   if (run.failure.empty() || !deadline.flag()) return run;
@@ -102,12 +99,10 @@ Eigen::VectorXd scales_of(const AccuracyStudy& study, const Eigen::VectorXd& val
     low = std::min(low, values[i]);
     high = std::max(high, values[i]);
   }
-  Eigen::VectorXd scales(values.size());
-  for (Eigen::Index i = 0; i < values.size(); ++i) {
+  return Eigen::VectorXd::NullaryExpr(values.size(), [&](Eigen::Index i) {
     const auto& [low, high] = ranges.at(study.series[static_cast<size_t>(i)]);
-    scales[i] = std::max(high - low, 1e-300);
-  }
-  return scales;
+    return std::max(high - low, 1e-300);
+  });
 }
 
 /// Relative change of each free parameter if readings that are `truth` are fitted with this model.
@@ -209,21 +204,23 @@ void add_sequence(const AccuracyStudy& study, const Runs& runs, const std::strin
 AccuracyPoint point_of(const AccuracyStudy& study, size_t setting, const AccuracyRun& run, const Reference& reference) {
   AccuracyPoint point;
   point.setting = setting;
-  const Eigen::VectorXd error = (run.values - reference.values).cwiseQuotient(reference.scales);
-  point.error = root_mean_square(error);
-  point.largest = error.cwiseAbs().maxCoeff();
+  const auto from = [&](const Eigen::VectorXd& other) {
+    return Eigen::VectorXd((run.values - other).cwiseQuotient(reference.scales));
+  };
+  point.error = root_mean_square(from(reference.values));
+  point.largest = from(reference.values).cwiseAbs().maxCoeff();
+  point.from_setting_in_use = root_mean_square(from(reference.in_use));
   if (!study.settings[setting].integrator.empty() && reference.step_limit.size() > 0)
-    point.step_error = root_mean_square((run.values - reference.step_limit).cwiseQuotient(reference.scales));
-  point.from_setting_in_use = root_mean_square((run.values - reference.in_use).cwiseQuotient(reference.scales));
+    point.step_error = root_mean_square(from(reference.step_limit));
   point.parameters = parameter_errors(study, run.values, run.derivatives, reference.values);
   return point;
 }
 
 }  // namespace
 
-std::vector<std::optional<AccuracyRun>> run_settings(const AccuracyStudy& study, const StudyOptions& options) {
+Runs run_settings(const AccuracyStudy& study, const StudyOptions& options) {
   const std::vector<size_t> order = order_of(study.settings);
-  std::vector<std::optional<AccuracyRun>> runs(order.size());
+  Runs runs(order.size());
   Study table;
   table.columns = columns;
   table.keys = 2;
@@ -234,7 +231,7 @@ std::vector<std::optional<AccuracyRun>> run_settings(const AccuracyStudy& study,
   }
   table.run = [&](size_t k, const Deadline& deadline) -> std::optional<StudyResult> {
     const AccuracySetting& setting = study.settings[order[k]];
-    const std::optional<AccuracyRun> run = run_setting(study, setting, deadline);
+    const std::optional<AccuracyRun> run = run_setting(setting, deadline);
     if (!run) return std::nullopt;
     return StudyResult{cells_of(setting, *run), run->failure.empty() ? run->seconds : 0};
   };
@@ -248,9 +245,8 @@ std::vector<std::optional<AccuracyRun>> run_settings(const AccuracyStudy& study,
 
 std::vector<size_t> pareto_front(const std::vector<std::pair<double, double>>& cost_and_error) {
   std::vector<size_t> order(cost_and_error.size());
-  for (size_t i = 0; i < order.size(); ++i) order[i] = i;
-  std::stable_sort(order.begin(), order.end(),
-                   [&](size_t a, size_t b) { return cost_and_error[a] < cost_and_error[b]; });
+  std::iota(order.begin(), order.end(), size_t{0});
+  std::ranges::stable_sort(order, {}, [&](size_t i) { return cost_and_error[i]; });
   std::vector<size_t> front;
   for (size_t i : order) {
     if (front.empty() || cost_and_error[i].second < 0.98 * cost_and_error[front.back()].second) front.push_back(i);
@@ -258,7 +254,7 @@ std::vector<size_t> pareto_front(const std::vector<std::pair<double, double>>& c
   return front;
 }
 
-AccuracyChart judge(const AccuracyStudy& study, const std::vector<std::optional<AccuracyRun>>& runs) {
+AccuracyChart judge(const AccuracyStudy& study, const Runs& runs) {
   const AccuracyRun& own = *runs[in_use_of(study, runs)];
   AccuracyChart chart;
   Reference reference{

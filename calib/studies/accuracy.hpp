@@ -40,7 +40,7 @@ struct AccuracySetting {
 
 /// An experiment, its result, and the settings to try.
 struct AccuracyStudy {
-  std::string title, path;
+  std::string title;
   bool simulated = false;
   std::string result;  ///< what is compared, in words: "displacements of all rows"
   std::vector<AccuracySetting> settings;

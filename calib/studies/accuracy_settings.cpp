@@ -1,8 +1,11 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <limits>
 
+#include "calib/benches/bench.hpp"
 #include "calib/benches/recordings_bench.hpp"
 #include "calib/studies/accuracy.hpp"
 #include "calib/studies/discretisation.hpp"
@@ -14,6 +17,8 @@
 
 namespace taut {
 namespace {
+
+constexpr double infinity = std::numeric_limits<double>::infinity();
 
 /// An element with its formulation, and how a legend calls it.
 struct Element {
@@ -56,17 +61,10 @@ void add_setting(AccuracyStudy& study, AccuracySetting setting) {
 
 // ---- runs
 
-Experiment stoppable(Experiment experiment, const std::atomic<bool>& stop) {
-  experiment.equilibrium.stop = &stop;
-  return experiment;
-}
-
 /// All rows of a bench at the file's own parameters, from rest.
-template <class Bench>
-AccuracyRun replay(const Experiment& experiment, const Bench& bench) {
-  auto& protocol = *bench.protocol;
-  std::vector<int> free;
-  for (const FreeParameter& parameter : free_parameters(experiment, protocol)) free.push_back(parameter.index);
+template <class Replay>
+AccuracyRun replay(const Experiment& experiment, Replay& protocol) {
+  const std::vector<int> free = indices_of(free_parameters(experiment, protocol));
   AccuracyRun run;
   run.unknowns = protocol.scene().model->free_unknowns();
   Prediction prediction;
@@ -127,21 +125,9 @@ AccuracyRun replay(const Simulation& simulation, const std::atomic<bool>& stop) 
 // ---- settings
 
 const char* name_of(SimulationMethod method) {
-  switch (method) {
-    case SimulationMethod::implicit_euler:
-      return "implicit Euler";
-    case SimulationMethod::bdf2:
-      return "BDF2";
-    case SimulationMethod::cvode:
-      return "CVODE";
-    case SimulationMethod::arkode_implicit:
-      return "ARKODE, implicit";
-    case SimulationMethod::arkode_explicit:
-      return "ARKODE, explicit";
-    case SimulationMethod::quasi_static:
-      break;
-  }
-  return "equilibria";
+  constexpr std::array<const char*, 6> names{"equilibria", "implicit Euler",   "BDF2",
+                                             "CVODE",      "ARKODE, implicit", "ARKODE, explicit"};
+  return names[static_cast<size_t>(method)];
 }
 
 const char* name_of(Integrator integrator) {
@@ -170,11 +156,48 @@ AccuracySetting named(const std::string& axis, const std::string& name, double c
   return setting;
 }
 
+/// Elements times meshes: `make(element, factor)` is one of them.
+template <class Make>
+void add_meshes(AccuracyStudy& study, bool locking_free, const std::function<std::vector<double>(int order)>& factors,
+                Make&& make) {
+  for (const Element& element : elements_for(locking_free)) {
+    for (double factor : factors(element.order)) {
+      try {
+        add_setting(study, make(element, factor));
+      } catch (const InputError&) {  // a geometry cannot be meshed so coarsely
+      }
+    }
+  }
+}
+
+/// The contact gap of a simulation's surfaces, or of a bench's mesh; `own` is that of the file.
+template <class Subject, class Make>
+void add_gaps(AccuracyStudy& study, const Subject& subject, double own, double& (*gap_of)(Subject&), Make&& make) {
+  for (double factor : {4.0, 2.0, 0.5, 0.25}) {
+    Subject other = subject;
+    gap_of(other) = factor * own;
+    AccuracySetting one = make("contact gap", "contact gap " + with_unit(factor * own, "m", 3), other, factor);
+    one.sequences["contact gap"] = factor * own;
+    add_setting(study, one);
+  }
+}
+
+template <class Subject, class Make>
+void add_tolerances(AccuracyStudy& study, const Subject& subject, const std::vector<double>& tolerances, Make&& make) {
+  for (double tolerance : tolerances) {
+    if (tolerance == subject.equilibrium.step_tolerance) continue;
+    Subject other = subject;
+    other.equilibrium.step_tolerance = tolerance;
+    add_setting(study, make("step tolerance", fmt::format("step tolerance {:.0e}", tolerance), other));
+  }
+}
+
+// ---- benches
+
 /// What all studies of a bench begin with.
 AccuracyStudy study_of(const Experiment& experiment, const Protocol& protocol) {
   AccuracyStudy study;
   study.title = experiment.title;
-  study.path = experiment.path;
   study.simulated = experiment.simulated;
   study.table = protocol.parameters();
   study.nominal = protocol.nominal();
@@ -182,9 +205,21 @@ AccuracyStudy study_of(const Experiment& experiment, const Protocol& protocol) {
   return study;
 }
 
-/// Makes a setting of an axis, a name, an experiment, its mesh and the work of a factorisation on that.
-using MakeSetting = std::function<AccuracySetting(const std::string&, const std::string&, const Experiment&,
-                                                  const MeshSettings&, double)>;
+/// Makes a setting of an axis, a name, an experiment and the work of a factorisation on its mesh.
+using MakeSetting = std::function<AccuracySetting(const std::string&, const std::string&, const Experiment&, double)>;
+
+/// A setting of an experiment whose bench is made by `bench_of(experiment)`.
+template <class BenchOf>
+AccuracySetting of_bench(const std::string& axis, const std::string& name, double cost, Experiment experiment,
+                         BenchOf bench_of) {
+  AccuracySetting one = named(axis, name, cost);
+  one.run = [=](const std::atomic<bool>& stop) {
+    Experiment stopped = experiment;
+    stopped.equilibrium.stop = &stop;
+    return replay(stopped, *bench_of(stopped).protocol);
+  };
+  return one;
+}
 
 /// Elements times meshes of a bench. `in_use` marks the file's own.
 void add_meshes(AccuracyStudy& study, const Experiment& experiment,
@@ -194,22 +229,19 @@ void add_meshes(AccuracyStudy& study, const Experiment& experiment,
   const auto has = [](const MeshSettings& mesh, const Element& element) {
     return mesh.order == element.order && mesh.formulation == element.formulation;
   };
-  for (const Element& element : elements_for(best.formulation == Formulation::locking_free)) {
-    for (double factor : factors(element.order)) {
-      MeshSettings mesh = refined(own, experiment.geometry, factor);
-      mesh.order = element.order;
-      mesh.formulation = element.formulation;
-      try {
-        const Mesh made = make_mesh(experiment, mesh);
-        AccuracySetting one = setting(element.name, mesh.describe(), experiment, mesh, work(made));
-        one.in_use = factor == 1 && has(own, element);
-        if (one.in_use) in_use(one);
-        if (has(best, element)) one.sequences["mesh"] = element_size(made);
-        add_setting(study, one);
-      } catch (const InputError&) {  // this geometry cannot be meshed so coarsely
-      }
-    }
-  }
+  const bool locking_free = best.formulation == Formulation::locking_free;
+  add_meshes(study, locking_free, factors, [&](const Element& element, double factor) {
+    Experiment e = experiment;
+    e.mesh = refined(own, experiment.geometry, factor);
+    e.mesh.order = element.order;
+    e.mesh.formulation = element.formulation;
+    const Mesh made = make_mesh(e, e.mesh);
+    AccuracySetting one = setting(element.name, e.mesh.describe(), e, work(made));
+    one.in_use = factor == 1 && has(own, element);
+    if (one.in_use) in_use(one);
+    if (has(best, element)) one.sequences["mesh"] = element_size(made);
+    return one;
+  });
 }
 
 // ---- recordings
@@ -225,8 +257,7 @@ void add_steps(AccuracyStudy& study, const Experiment& experiment, const MakeSet
       const double step = factor * recordings_of(experiment).step;
       recordings_of(e).integrator = integrator;
       recordings_of(e).step = step;
-      AccuracySetting one =
-          setting(name, fmt::format("{}, steps of {}", name, with_unit(step, "s", 3)), e, experiment.mesh, own_work);
+      AccuracySetting one = setting(name, fmt::format("{}, steps of {}", name, with_unit(step, "s", 3)), e, own_work);
       if (integrator == Integrator::bdf2) one.sequences["step"] = step;
       one.integrator = name;
       add_setting(study, one);
@@ -236,7 +267,8 @@ void add_steps(AccuracyStudy& study, const Experiment& experiment, const MakeSet
 
 AccuracyStudy study_of_recordings(const Experiment& experiment) {
   const std::vector<Sample> samples = thinned(read_samples(experiment));
-  AccuracyStudy study = study_of(experiment, *make_recording_replay(experiment, experiment.mesh, samples).protocol);
+  const auto bench_of = [=](const Experiment& e) { return make_recording_replay(e, e.mesh, samples); };
+  AccuracyStudy study = study_of(experiment, *bench_of(experiment).protocol);
   study.result = "recorded motions, at the parameters that the file starts from";
   study.highest_order = {{"mesh", 2}, {"step", 2}};
   for (const Sample& sample : samples) {
@@ -244,13 +276,8 @@ AccuracyStudy study_of_recordings(const Experiment& experiment) {
     study.sigma.push_back(sample.sigma);
   }
   const MakeSetting setting = [&](const std::string& axis, const std::string& name, const Experiment& e,
-                                  const MeshSettings& mesh, double factorisation) {
-    AccuracySetting one = named(axis, name, factorisation / recordings_of(e).step);
-    one.run = [e, mesh, samples](const std::atomic<bool>& stop) {
-      const Experiment own = stoppable(e, stop);
-      return replay(own, make_recording_replay(own, mesh, samples));
-    };
-    return one;
+                                  double factorisation) {
+    return of_bench(axis, name, factorisation / recordings_of(e).step, e, bench_of);
   };
   const auto factors = [](int) { return std::vector{0.5, 0.7, 1.0, 1.4}; };
   add_meshes(study, experiment, factors, setting, [&](AccuracySetting& in_use) {
@@ -264,51 +291,30 @@ AccuracyStudy study_of_recordings(const Experiment& experiment) {
 
 // ---- readings at rest
 
-/// Step tolerances and load steps, one at a time.
-void add_solver_settings(AccuracyStudy& study, const Experiment& experiment, double own_work,
-                         const MakeSetting& setting) {
-  for (double tolerance : {1e-5, 1e-7, 1e-9, 1e-11}) {
-    if (tolerance == experiment.equilibrium.step_tolerance) continue;
-    Experiment e = experiment;
-    e.equilibrium.step_tolerance = tolerance;
-    add_setting(study, setting("step tolerance", fmt::format("step tolerance {:.0e}", tolerance), e, e.mesh, own_work));
-  }
+void add_load_steps(AccuracyStudy& study, const Experiment& experiment, double own_work, const MakeSetting& setting) {
   for (int steps : {1, 2, 4, 8}) {
     if (steps == experiment.equilibrium.load_steps) continue;
     Experiment e = experiment;
     e.equilibrium.load_steps = steps;
     const std::string name = fmt::format("{} load step{}", steps, steps == 1 ? "" : "s");
-    add_setting(study, setting("load steps", name, e, e.mesh, own_work * steps));
-  }
-}
-
-void add_gaps(AccuracyStudy& study, const Experiment& experiment, double own_gap, double own_work,
-              const MakeSetting& setting) {
-  for (double factor : {4.0, 2.0, 0.5, 0.25}) {
-    MeshSettings mesh = experiment.mesh;
-    mesh.contact_gap = factor * own_gap;
-    AccuracySetting one = setting("contact gap", "contact gap " + with_unit(mesh.contact_gap, "m", 3), experiment, mesh,
-                                  own_work * (1 + 0.1 / factor));
-    one.sequences["contact gap"] = mesh.contact_gap;
-    add_setting(study, one);
+    add_setting(study, setting("load steps", name, e, own_work * steps));
   }
 }
 
 /// The other kind of plane, and the solid between both.
 void add_planes(AccuracyStudy& study, const Experiment& experiment, double own_work, const MakeSetting& setting) {
   Experiment e = experiment;
-  MeshSettings mesh = experiment.mesh;
   const bool strain = experiment.geometry.plane == Plane::strain;
   e.geometry.plane = strain ? Plane::stress : Plane::strain;
-  if (strain) mesh.formulation = Formulation::standard;
+  if (strain) e.mesh.formulation = Formulation::standard;
   const std::string name = strain ? "plane stress" : "plane strain";
-  add_setting(study, setting(name, name, e, mesh, own_work));
+  add_setting(study, setting(name, name, e, own_work));
   if (experiment.contact.on) return;  // a solid with contact is a matter of hours
   for (int depth : {1, 2}) {
-    mesh = experiment.mesh;
-    mesh.depth_cells = depth;
-    add_setting(study, setting("as a solid", fmt::format("as a solid, {} cells across half of it", depth), experiment,
-                               mesh, work(make_mesh(experiment, mesh))));
+    e = experiment;
+    e.mesh.depth_cells = depth;
+    add_setting(study, setting("as a solid", fmt::format("as a solid, {} cells across half of it", depth), e,
+                               work(make_mesh(e, e.mesh))));
   }
 }
 
@@ -355,25 +361,22 @@ void mark_in_use(AccuracySetting& one, const Simulation& simulation) {
 
 void add_meshes(AccuracyStudy& study, const Simulation& simulation) {
   const MeshSettings& own = simulation.bodies.front().mesh;
-  for (const Element& element : elements_for(own.formulation == Formulation::locking_free)) {
-    for (double factor : {0.5, 0.7, 1.0, 1.4}) {
-      Simulation s = simulation;
-      for (BodySettings& body : s.bodies) {
-        body.mesh = refined(body.mesh, body.geometry, factor);
-        body.mesh.order = element.order;
-        body.mesh.formulation = element.formulation;
-      }
-      const std::string mesh = factor == 1 ? ", the file's mesh" : fmt::format(", mesh {:g} times as fine", factor);
-      try {
-        AccuracySetting one = simulated(element.name, element.name + mesh, s);
-        if (element.order == 2 && element.formulation == own.formulation) one.sequences["mesh"] = element_size(s);
-        if (factor == 1 && element.order == own.order && element.formulation == own.formulation)
-          mark_in_use(one, simulation);
-        add_setting(study, one);
-      } catch (const InputError&) {  // a body cannot be meshed so coarsely
-      }
+  const auto factors = [](int) { return std::vector{0.5, 0.7, 1.0, 1.4}; };
+  const bool locking_free = own.formulation == Formulation::locking_free;
+  add_meshes(study, locking_free, factors, [&](const Element& element, double factor) {
+    Simulation s = simulation;
+    for (BodySettings& body : s.bodies) {
+      body.mesh = refined(body.mesh, body.geometry, factor);
+      body.mesh.order = element.order;
+      body.mesh.formulation = element.formulation;
     }
-  }
+    const std::string mesh = factor == 1 ? ", the file's mesh" : fmt::format(", mesh {:g} times as fine", factor);
+    AccuracySetting one = simulated(element.name, element.name + mesh, s);
+    if (element.order == 2 && element.formulation == own.formulation) one.sequences["mesh"] = element_size(s);
+    if (factor == 1 && element.order == own.order && element.formulation == own.formulation)
+      mark_in_use(one, simulation);
+    return one;
+  });
 }
 
 /// Own integrators times steps, SUNDIALS' ones times tolerances.
@@ -406,50 +409,35 @@ void add_integrators(AccuracyStudy& study, const Simulation& simulation) {
   }
 }
 
-void add_gaps_and_tolerances(AccuracyStudy& study, const Simulation& simulation) {
-  for (double factor : {4.0, 2.0, 0.5, 0.25}) {
-    if (!simulation.contact.on) break;
-    Simulation s = simulation;
-    s.contact.gap = factor * simulation.contact.gap;
-    AccuracySetting one = simulated("contact gap", "contact gap " + with_unit(s.contact.gap, "m", 3), s);
-    one.sequences["contact gap"] = s.contact.gap;
-    add_setting(study, one);
-  }
-  for (double tolerance : {1e-5, 1e-7, 1e-11}) {
-    if (tolerance == simulation.equilibrium.step_tolerance) continue;
-    Simulation s = simulation;
-    s.equilibrium.step_tolerance = tolerance;
-    add_setting(study, simulated("step tolerance", fmt::format("step tolerance {:.0e}", tolerance), s));
-  }
-}
-
 }  // namespace
 
 AccuracyStudy accuracy_study(const Experiment& experiment) {
   if (experiment.kind == &recordings_kind) return study_of_recordings(experiment);
   const Trials trials = read_trials(experiment.bench);
-  const StaticReplay bench = make_static_replay(experiment, experiment.mesh, trials);
+  const auto bench_of = [=](const Experiment& e) { return make_static_replay(e, e.mesh, trials); };
+  const StaticReplay bench = bench_of(experiment);
   AccuracyStudy study = study_of(experiment, *bench.protocol);
   study.result = "displacements of all rows, at the parameters that the file starts from";
   study.highest_order = {{"mesh", 2}, {"contact gap", 1}};
   study.sigma = sigma_of_rows(bench);
   const Mesh own = make_mesh(experiment, experiment.mesh);
   const double own_work = work(own), own_gap = contact_gap(experiment.mesh, own.diagonal());
-  const MakeSetting setting = [&](const std::string& axis, const std::string& name, const Experiment& e,
-                                  const MeshSettings& mesh, double cost) {
-    AccuracySetting one = named(axis, name, cost);
-    one.run = [e, mesh, trials](const std::atomic<bool>& stop) {
-      const Experiment stopped = stoppable(e, stop);
-      return replay(stopped, make_static_replay(stopped, mesh, trials));
-    };
-    return one;
+  const MakeSetting setting = [&](const std::string& axis, const std::string& name, const Experiment& e, double cost) {
+    return of_bench(axis, name, cost, e, bench_of);
+  };
+  const auto on_own_mesh = [&](const std::string& axis, const std::string& name, const Experiment& e,
+                               double finer = infinity) {
+    return setting(axis, name, e, own_work * (1 + 0.1 / finer));
   };
   const auto factors = [&](int order) { return mesh_factors(own.dimension(), order); };
   add_meshes(study, experiment, factors, setting, [&](AccuracySetting& in_use) {
     if (experiment.contact.on) in_use.sequences["contact gap"] = own_gap;
   });
-  add_solver_settings(study, experiment, own_work, setting);
-  if (experiment.contact.on) add_gaps(study, experiment, own_gap, own_work, setting);
+  add_tolerances(study, experiment, {1e-5, 1e-7, 1e-9, 1e-11}, on_own_mesh);
+  add_load_steps(study, experiment, own_work, setting);
+  if (experiment.contact.on)
+    add_gaps(
+        study, experiment, own_gap, +[](Experiment& e) -> double& { return e.mesh.contact_gap; }, on_own_mesh);
   if (experiment.geometry.dimension == 2) add_planes(study, experiment, own_work, setting);
   return study;
 }
@@ -462,7 +450,6 @@ AccuracyStudy accuracy_study(const Simulation& simulation) {
                     simulation.path));
   AccuracyStudy study;
   study.title = simulation.title;
-  study.path = simulation.path;
   study.simulated = true;
   study.result = "channels over time, forces between bodies left out";
   study.highest_order = {{"mesh", 2}, {"contact gap", 1}, {"step", 2}};
@@ -478,7 +465,13 @@ AccuracyStudy accuracy_study(const Simulation& simulation) {
                     simulation.path));
   add_meshes(study, simulation);
   add_integrators(study, simulation);
-  add_gaps_and_tolerances(study, simulation);
+  const auto other = [](const std::string& axis, const std::string& name, const Simulation& s, double = 0) {
+    return simulated(axis, name, s);
+  };
+  if (simulation.contact.on)
+    add_gaps(
+        study, simulation, simulation.contact.gap, +[](Simulation& s) -> double& { return s.contact.gap; }, other);
+  add_tolerances(study, simulation, {1e-5, 1e-7, 1e-11}, other);
   return study;
 }
 

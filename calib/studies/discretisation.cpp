@@ -5,8 +5,10 @@
 #include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
-#include <optional>
+#include <map>
 
+#include "calib/benches/bench.hpp"
+#include "calib/fit/goodness_of_fit.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/numbers.hpp"
 #include "sim/core/stopwatch.hpp"
@@ -33,38 +35,26 @@ struct Level {
 std::vector<Level> levels_of(const Experiment& experiment) {
   const MeshSettings best = most_accurate(experiment, experiment.mesh);
   const bool member = best.order == experiment.mesh.order && best.formulation == experiment.mesh.formulation;
-  std::vector<Level> levels;  // from fine to coarse
   const Mesh own = make_mesh(experiment, experiment.mesh);
   const double r = own.dimension() == 2 ? 2 : 1.45, most = own.dimension() == 2 ? 150e3 : 40e3;
-  auto level = [&](int k) -> std::optional<Level> {
-    Level result{refined(best, experiment.geometry, std::pow(r, k)), element_size(own), k == 0 && member, k > 0};
-    if (result.own) return result;
+  std::map<int, Level> found;  // by k, sizes r^-k
+  for (int k : {1, 0, -1, -2, 2}) {
+    if (found.size() == 3) break;
+    Level level{refined(best, experiment.geometry, std::pow(r, k)), element_size(own), k == 0 && member, k > 0};
     try {
-      const Mesh mesh = make_mesh(experiment, result.settings);
-      result.h = element_size(mesh);
-      if (static_cast<double>(mesh.X.size()) <= most) return result;
+      const Mesh mesh = level.own ? own : make_mesh(experiment, level.settings);
+      level.h = element_size(mesh);
+      if (!level.own && static_cast<double>(mesh.X.size()) > most) continue;
     } catch (const InputError&) {  // too coarse for its geometry
+      continue;
     }
-    return std::nullopt;
-  };
-  auto add = [&](int k, auto at) {
-    const std::optional<Level> next = level(k);
-    const bool distinct = next && std::all_of(levels.begin(), levels.end(), [&](const Level& other) {
-                            return std::abs(std::log(other.h / next->h)) > std::log(1.15);
-                          });
-    if (distinct) levels.insert(at(), *next);
-  };
-  for (int k = 1; k >= -2 && levels.size() < 3; --k) add(k, [&] { return levels.end(); });
-  if (levels.size() < 3) add(2, [&] { return levels.begin(); });
-  std::reverse(levels.begin(), levels.end());
+    const bool distinct = std::ranges::all_of(
+        found, [&](const auto& other) { return std::abs(std::log(other.second.h / level.h)) > std::log(1.15); });
+    if (distinct) found.emplace(k, level);
+  }
+  std::vector<Level> levels;
+  for (const auto& [k, level] : found) levels.push_back(level);
   return levels;
-}
-
-/// The free parameters of a fit, in a protocol's table.
-std::vector<FreeParameter> free_of(const FitResult& fit, const ParameterTable& table) {
-  std::vector<FreeParameter> free;
-  for (const ParameterEstimate& e : fit.parameters) free.push_back({table.index(e.spec.id), e.value, e.lower, e.upper});
-  return free;
 }
 
 struct Shift {
@@ -72,106 +62,89 @@ struct Shift {
   std::string failure;   ///< "": none
 };
 
-/// Where the fit would end with other settings.
-Shift shift_with(const Experiment& experiment, const MeshSettings& settings, const Trials& trials, const FitResult& fit,
-                 const Ask& ask) {
-  const StaticReplay bench = make_static_replay(experiment, settings, trials);
-  StaticProtocol& protocol = *bench.protocol;
-  const ParameterTable& table = protocol.parameters();
-  const std::vector<FreeParameter> free = free_of(fit, table);
-  std::vector<int> indices;
-  for (const FreeParameter& parameter : free) indices.push_back(parameter.index);
-  Params p = fit.p;
-  if (experiment.contact.on) p[table.index("contact_gap")] = protocol.nominal()[table.index("contact_gap")];
-  const Prediction prediction = ask ? ask(protocol, p, indices) : protocol.predict(p, indices);
-  if (!prediction.complete()) return {{}, prediction.failures.front()};
-  return {gauss_newton_step(prediction, bench.measurements, table, p, free), ""};
-}
+/// A fit and what it was made with.
+struct Fitted {
+  const Experiment& experiment;
+  const Trials& trials;
+  const FitResult& fit;
+  const std::function<void(const std::string&)>& progress;
+  const Ask& ask;
 
-/// A share from where the fit would end in the limit and the error of that, on the fitted scale.
-void set_bias(const FitResult& fit, const Eigen::VectorXd& limit, const Eigen::VectorXd& error,
-              DiscretisationShare& share) {
-  for (size_t j = 0; j < fit.parameters.size(); ++j) {
-    const ParameterEstimate& e = fit.parameters[j];
-    const double shift = limit[static_cast<Eigen::Index>(j)], by = error[static_cast<Eigen::Index>(j)];
-    share.bias.push_back(e.spec.logarithmic ? -e.value * std::expm1(shift) : -shift);
-    share.error.push_back(e.spec.logarithmic ? e.value * std::exp(shift) * by : by);
+  /// Where the fit would end with other settings. `what` is told before that is computed.
+  Shift shift_with(const MeshSettings& settings, const std::string& what) const {
+    if (progress) progress(what);
+    const StaticReplay bench = make_static_replay(experiment, settings, trials);
+    StaticProtocol& protocol = *bench.protocol;
+    const ParameterTable& table = protocol.parameters();
+    std::vector<FreeParameter> free;
+    for (const ParameterEstimate& e : fit.parameters)
+      free.push_back({table.index(e.spec.id), e.value, e.lower, e.upper});
+    Params p = fit.p;
+    if (experiment.contact.on) p[table.index("contact_gap")] = protocol.nominal()[table.index("contact_gap")];
+    const Prediction prediction = ask ? ask(protocol, p, indices_of(free)) : protocol.predict(p, indices_of(free));
+    if (!prediction.complete()) return {{}, prediction.failures.front()};
+    return {gauss_newton_step(prediction, bench.measurements, table, p, free), ""};
   }
-}
 
-void set_unknown(const FitResult& fit, const std::string& why, DiscretisationShare& share) {
-  share.bias.assign(fit.parameters.size(), not_a_number);
-  share.error.assign(fit.parameters.size(), not_a_number);
-  share.how = why;
-}
-
-DiscretisationShare mesh_share(const Experiment& experiment, const Trials& trials, const FitResult& fit,
-                               const Shift& own, const std::function<void(const std::string&)>& progress,
-                               const Ask& ask) {
-  const Stopwatch watch;
-  DiscretisationShare share;
-  share.source = "mesh";
-  const std::vector<Level> levels = levels_of(experiment);
-  const Eigen::VectorXd sd = fit.covariance.diagonal().cwiseSqrt();
-  Eigen::MatrixXd steps(sd.size(), static_cast<Eigen::Index>(levels.size()));
-  std::vector<double> h;
-  std::string names;
-  for (const Level& level : levels) {
-    const Eigen::Index k = static_cast<Eigen::Index>(h.size());
-    h.push_back(level.h);
-    names += (names.empty() ? "" : "; ") + level.settings.describe();
-    steps.col(k).setZero();
-    if (level.own) continue;
-    if (progress) progress("the mesh's share: " + level.settings.describe());
-    const Shift shift = shift_with(experiment, level.settings, trials, fit, ask);
-    if (!shift.failure.empty()) {
-      set_unknown(fit, fmt::format("{}: {}", level.settings.describe(), shift.failure), share);
-      share.seconds = watch.seconds();
-      return share;
+  DiscretisationShare mesh_share(const Shift& own) const {
+    const std::vector<Level> levels = levels_of(experiment);
+    const Eigen::VectorXd sd = fit.covariance.diagonal().cwiseSqrt();
+    Eigen::MatrixXd steps = Eigen::MatrixXd::Zero(sd.size(), static_cast<Eigen::Index>(levels.size()));
+    std::vector<double> h;
+    std::vector<std::string> names;
+    for (const Level& level : levels) {
+      const Eigen::Index k = static_cast<Eigen::Index>(h.size());
+      h.push_back(level.h);
+      names.push_back(level.settings.describe());
+      if (level.own) continue;
+      const Shift shift = shift_with(level.settings, "the mesh's share: " + names.back());
+      if (!shift.failure.empty()) return unknown(names.back() + ": " + shift.failure);
+      steps.col(k) = (shift.step - own.step).cwiseQuotient(sd);
     }
-    steps.col(k) = (shift.step - own.step).cwiseQuotient(sd);
+    if (levels.size() < 2 && (levels.empty() || levels.front().own))
+      return unknown("the mesh can be neither refined nor coarsened");
+    const Extrapolation limit = extrapolate(h, steps, highest_order);
+    std::string how = "one Gauss-Newton step at the optimum with " + join(names, "; ");
+    if (levels.size() == 1)
+      how += "; there is no other mesh to tell how far that is from the limit";
+    else if (limit.measured)
+      how += fmt::format("; extrapolated with the order {:.2g} that they show", limit.order);
+    else
+      how += levels.size() == 2 ? "; extrapolated with order 1" : "; they do not converge evenly: the finest counts";
+    if (std::ranges::none_of(levels, &Level::finer)) how += "; finer ones than the fit's own would take too long";
+    return known(limit.limit.cwiseProduct(sd), limit.error.cwiseProduct(sd), how);
   }
-  if (levels.size() < 2 && (levels.empty() || levels.front().own)) {
-    set_unknown(fit, "the mesh can be neither refined nor coarsened", share);
+
+  DiscretisationShare gap_share(const Shift& own) const {
+    MeshSettings half = experiment.mesh;
+    half.contact_gap = 0.5 * contact_gap(experiment.mesh, make_mesh(experiment, experiment.mesh).diagonal());
+    const Shift shift = shift_with(half, "the contact gap's share");
+    if (!shift.failure.empty()) return unknown("half the gap: " + shift.failure);
+    const Eigen::VectorXd step = shift.step - own.step;
+    return known(
+        2 * step, step.cwiseAbs(),
+        fmt::format("one Gauss-Newton step at the optimum with half the gap, {}; extrapolated linearly to none",
+                    with_unit(half.contact_gap, "m")));
+  }
+
+  /// A share from where the fit would end in the limit and the error of that, on the fitted scale.
+  DiscretisationShare known(const Eigen::VectorXd& limit, const Eigen::VectorXd& error, const std::string& how) const {
+    DiscretisationShare share;
+    for (size_t j = 0; j < fit.parameters.size(); ++j) {
+      const ParameterEstimate& e = fit.parameters[j];
+      const double shift = limit[static_cast<Eigen::Index>(j)], by = error[static_cast<Eigen::Index>(j)];
+      share.bias.push_back(e.spec.logarithmic ? -e.value * std::expm1(shift) : -shift);
+      share.error.push_back(e.spec.logarithmic ? e.value * std::exp(shift) * by : by);
+    }
+    share.how = how;
     return share;
   }
-  const Extrapolation limit = extrapolate(h, steps, highest_order);
-  set_bias(fit, limit.limit.cwiseProduct(sd), limit.error.cwiseProduct(sd), share);
-  share.how = "one Gauss-Newton step at the optimum with " + names;
-  if (levels.size() == 1)
-    share.how += "; there is no other mesh to tell how far that is from the limit";
-  else if (limit.measured)
-    share.how += fmt::format("; extrapolated with the order {:.2g} that they show", limit.order);
-  else
-    share.how +=
-        levels.size() == 2 ? "; extrapolated with order 1" : "; they do not converge evenly: the finest counts";
-  if (std::none_of(levels.begin(), levels.end(), [](const Level& level) { return level.finer; }))
-    share.how += "; finer ones than the fit's own would take too long";
-  share.seconds = watch.seconds();
-  return share;
-}
 
-DiscretisationShare gap_share(const Experiment& experiment, const Trials& trials, const FitResult& fit,
-                              const Shift& own, const std::function<void(const std::string&)>& progress,
-                              const Ask& ask) {
-  const Stopwatch watch;
-  DiscretisationShare share;
-  share.source = "contact gap";
-  if (progress) progress("the contact gap's share");
-  MeshSettings half = experiment.mesh;
-  half.contact_gap = 0.5 * contact_gap(experiment.mesh, make_mesh(experiment, experiment.mesh).diagonal());
-  const Shift shift = shift_with(experiment, half, trials, fit, ask);
-  if (shift.failure.empty()) {
-    const Eigen::VectorXd step = shift.step - own.step;
-    set_bias(fit, 2 * step, step.cwiseAbs(), share);
-    share.how = fmt::format("one Gauss-Newton step at the optimum with half the gap, {}; extrapolated linearly to none",
-                            with_unit(half.contact_gap, "m"));
-  } else {
-    set_unknown(fit, "half the gap: " + shift.failure, share);
+  DiscretisationShare unknown(const std::string& why) const {
+    const std::vector<double> none(fit.parameters.size(), not_a_number);
+    return {"", none, none, why};
   }
-  share.seconds = watch.seconds();
-  return share;
-}
+};
 
 }  // namespace
 
@@ -204,19 +177,15 @@ Extrapolation extrapolate(const std::vector<double>& h, const Eigen::MatrixXd& v
   result.error = Eigen::VectorXd::Constant(values.rows(), not_a_number);
   if (n < 2) return result;
   const Eigen::VectorXd last = values.col(n - 1) - values.col(n - 2);
-  // What is left of the finest value's error, in last differences.
-  auto left = [&](double p) {
-    const double b = std::pow(h[static_cast<size_t>(n - 2)], p), c = std::pow(h[static_cast<size_t>(n - 1)], p);
-    return c / (b - c);
+  // h^p of the finest mesh but `coarser`.
+  const auto power = [&](Eigen::Index coarser, double p) {
+    return std::pow(h[static_cast<size_t>(n - 1 - coarser)], p);
   };
   Eigen::VectorXd before = last;
   if (n >= 3) {
     before = values.col(n - 2) - values.col(n - 3);
     const double squares = last.squaredNorm(), ratio = before.dot(last) / std::max(squares, 1e-300);
-    auto ratio_of = [&](double p) {
-      const double a = std::pow(h[static_cast<size_t>(n - 3)], p), b = std::pow(h[static_cast<size_t>(n - 2)], p);
-      return (a - b) / (b - std::pow(h[static_cast<size_t>(n - 1)], p));
-    };
+    const auto ratio_of = [&](double p) { return (power(2, p) - power(1, p)) / (power(1, p) - power(0, p)); };
     const double cosine = before.dot(last) / std::max(before.norm() * last.norm(), 1e-300);
     result.measured = squares == 0 || (cosine > 0.5 && ratio > ratio_of(lowest_order));
     double low = lowest_order, high = highest_order;
@@ -230,14 +199,12 @@ Extrapolation extrapolate(const std::vector<double>& h, const Eigen::MatrixXd& v
       return result;
     }
   }
+  // What is left of the finest value's error, in last differences.
+  const double left = power(0, result.order) / (power(1, result.order) - power(0, result.order));
   for (Eigen::Index i = 0; i < values.rows(); ++i) {
-    if (before[i] * last[i] < 0) {
-      result.error[i] = 3 * std::abs(last[i]);
-      continue;
-    }
-    const double change = left(result.order) * last[i];
-    result.limit[i] += change;
-    result.error[i] = 1.25 * std::abs(change);
+    const bool turns = before[i] * last[i] < 0;
+    if (!turns) result.limit[i] += left * last[i];
+    result.error[i] = turns ? 3 * std::abs(last[i]) : 1.25 * std::abs(left * last[i]);
   }
   return result;
 }
@@ -245,14 +212,9 @@ Extrapolation extrapolate(const std::vector<double>& h, const Eigen::MatrixXd& v
 Eigen::VectorXd gauss_newton_step(const Prediction& prediction, const std::vector<Measurement>& measurements,
                                   const ParameterTable& table, const Params& p,
                                   const std::vector<FreeParameter>& free) {
-  const Eigen::Index m = static_cast<Eigen::Index>(measurements.size()), n = static_cast<Eigen::Index>(free.size());
-  Eigen::VectorXd r(m), range(n), lowest(n), highest(n);
-  Eigen::MatrixXd J(m, n);
-  for (Eigen::Index i = 0; i < m; ++i) {
-    const Measurement& reading = measurements[static_cast<size_t>(i)];
-    r[i] = (reading.value - prediction.values[reading.row]) / reading.sigma;
-    J.row(i) = prediction.derivatives.row(reading.row) / reading.sigma;
-  }
+  const Eigen::Index n = static_cast<Eigen::Index>(free.size());
+  Eigen::VectorXd range(n), lowest(n), highest(n);
+  auto [r, J] = noise_scaled(prediction, measurements);
   // Logarithmic parameters by d = 1 - value/new, so new = value / (1 - d); others in units of their range.
   for (Eigen::Index j = 0; j < n; ++j) {
     const FreeParameter& parameter = free[static_cast<size_t>(j)];
@@ -272,7 +234,7 @@ Eigen::VectorXd gauss_newton_step(const Prediction& prediction, const std::vecto
   std::vector<bool> held(free.size(), false);
   for (bool changed = true; changed;) {
     changed = false;
-    Eigen::VectorXd left = r;
+    Eigen::VectorXd left = -r;
     Eigen::MatrixXd open = J;
     for (Eigen::Index j = 0; j < n; ++j) {
       if (!held[static_cast<size_t>(j)]) continue;
@@ -312,11 +274,17 @@ std::vector<DiscretisationShare> discretisation_shares(const Experiment& experim
   std::vector<DiscretisationShare> shares;
   if (fit.covariance.size() == 0) return shares;
   // Where the fit stopped short of its own optimum is nobody's share.
-  if (progress) progress("the fit's own next step");
-  const Shift own = shift_with(experiment, experiment.mesh, trials, fit, ask);
+  const Fitted fitted{experiment, trials, fit, progress, ask};
+  const Shift own = fitted.shift_with(experiment.mesh, "the fit's own next step");
   if (!own.failure.empty()) return shares;
-  shares.push_back(mesh_share(experiment, trials, fit, own, progress, ask));
-  if (experiment.contact.on) shares.push_back(gap_share(experiment, trials, fit, own, progress, ask));
+  const auto add = [&](const char* source, DiscretisationShare (Fitted::*share_of)(const Shift&) const) {
+    const Stopwatch watch;
+    DiscretisationShare& share = shares.emplace_back((fitted.*share_of)(own));
+    share.source = source;
+    share.seconds = watch.seconds();
+  };
+  add("mesh", &Fitted::mesh_share);
+  if (experiment.contact.on) add("contact gap", &Fitted::gap_share);
   return shares;
 }
 

@@ -3,9 +3,11 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 #include <random>
+#include <tuple>
 
 #include "calib/studies/discretisation.hpp"
 #include "sim/core/error.hpp"
@@ -33,9 +35,16 @@ std::string number(double value) {
                                : fmt::format("{:.3g}", value);
 }
 
-std::vector<std::string> numbers(const std::vector<double>& values, double unit = 1) {
+/// Multiples of `times` in a unit.
+std::vector<std::string> numbers(const std::vector<double>& values, double unit = 1, double times = 1) {
   std::vector<std::string> text;
-  for (double value : values) text.push_back(number(value / unit));
+  for (double value : values) text.push_back(number(value * times / unit));
+  return text;
+}
+
+std::vector<std::string> powers_of_ten(const std::vector<double>& values) {
+  std::vector<std::string> text;
+  for (double value : values) text.push_back(fmt::format("1e{:.0f}", std::log10(value)));
   return text;
 }
 
@@ -48,81 +57,78 @@ bool crosses(const Mesh& mesh, const Eigen::VectorXd& u) {
   return Contact(mesh, settings).intersects(u);
 }
 
-// ---- at rest
+auto& material_of(auto& materials, const std::string& region) {
+  return *std::ranges::find(materials, region, &MaterialSettings::region);
+}
 
-/// One ingredient of the solver changed; all else as it is.
-struct NaiveMethod {
-  std::string name;
-  std::function<void(EquilibriumOptions&)> change;
-  ContactForm form = ContactForm::length_weighted;
+/// The regions with the smallest and the largest modulus; the same where there is one material.
+struct Contrast {
+  std::string soft, stiff;
+
+  void find(const std::vector<MaterialSettings>& materials) {
+    const auto modulus = [](const MaterialSettings& material) { return material.constants.at("E"); };
+    soft = std::ranges::min_element(materials, {}, modulus)->region;
+    stiff = std::ranges::max_element(materials, {}, modulus)->region;
+  }
+  std::string ratio_label() const { return fmt::format("E of {} / E of {}", stiff, soft); }
+  void set_ratio(std::vector<MaterialSettings>& materials, double ratio) const {
+    material_of(materials, stiff).constants["E"] = ratio * material_of(materials, soft).constants["E"];
+  }
 };
 
-std::vector<NaiveMethod> static_methods(bool contact) {
-  std::vector<NaiveMethod> methods{
-      {"default", [](EquilibriumOptions&) {}},
-      {"Hessian always projected", [](EquilibriumOptions& o) { o.comparison.always_project = true; }},
-      {"no line search", [](EquilibriumOptions& o) { o.comparison.line_search = LineSearch::none; }},
-      {"energy only, straight steps",
-       [](EquilibriumOptions& o) {
-         o.comparison.line_search = LineSearch::armijo;
-         o.comparison.straight_steps = true;
-       }},
-      {"no test for a minimum", [](EquilibriumOptions& o) { o.check_minimum = false; }},
-  };
-  if (contact) {
-    methods.push_back({"penalty contact", [](EquilibriumOptions&) {}, ContactForm::penalty});
-    methods.push_back(
-        {"steps not stopped by contact", [](EquilibriumOptions& o) { o.comparison.ignore_contact = true; }});
+/// Calls `make(factor)`, which says whether its mesh is small enough, with ever smaller factors of refinement until it
+/// is, or the mesh is too coarse for its geometry.
+template <class Make>
+void coarsen(double least, Make&& make) {
+  for (double factor = 1; factor > least; factor /= 1.25) {
+    try {
+      if (make(factor)) return;
+    } catch (const InputError&) {
+      if (factor == 1) throw;
+      return;
+    }
   }
-  return methods;
 }
 
-EquilibriumOptions map_options(const Experiment& experiment) {
-  EquilibriumOptions options = experiment.equilibrium;
-  options.stop = nullptr;
-  options.max_iterations = 40;
-  options.max_halvings = 5;
-  options.max_total_iterations = 160;
-  return options;
+/// A value that is computed when it is first asked for.
+template <class Key, class Value, class Compute>
+const Value& remembered(std::map<Key, Value>& values, const Key& key, Compute&& compute) {
+  const auto found = values.find(key);
+  return found != values.end() ? found->second : values.emplace(key, compute()).first->second;
 }
 
-/// Those that change how Newton's method goes on.
-std::vector<NaiveMethod> newton_methods() {
-  std::vector<NaiveMethod> methods = static_methods(false);
-  methods.pop_back();
-  return methods;
-}
-
-std::vector<std::string> names_of(const std::vector<NaiveMethod>& methods) {
-  std::vector<std::string> names;
-  for (const NaiveMethod& method : methods) names.push_back(method.name);
-  return names;
-}
+// ---- at rest
 
 /// What the maps of a bench experiment share.
-struct StaticSubject {
-  Experiment experiment;
+struct StaticSubject : Contrast {
+  Experiment experiment;  ///< with the solver's options for maps
   Trials trials;
   MeshSettings coarse;
   int unknowns = 0;
   std::vector<size_t> first;  ///< controls that are set before the others: retractions
   int load = -1;              ///< the control with most values among the others; -1: none
-  std::string soft, stiff;    ///< regions; equal where there is one material
 
   bool contact() const { return experiment.contact.on; }
+  bool retracts(size_t control) const { return std::ranges::find(first, control) != first.end(); }
   double top(size_t control) const { return *trials.control_values[control].rbegin(); }
   /// Controls with the retractions at a fraction of their largest value and the load at one of its own.
   std::vector<double> controls(double retraction, double loads) const {
     std::vector<double> values(trials.control_ids.size(), 0.0);
-    for (size_t k = 0; k < values.size(); ++k) {
-      const bool before = std::find(first.begin(), first.end(), k) != first.end();
-      values[k] = (before ? retraction : static_cast<int>(k) == load ? loads : 0) * top(k);
-    }
+    for (size_t k = 0; k < values.size(); ++k)
+      values[k] = (retracts(k) ? retraction : static_cast<int>(k) == load ? loads : 0) * top(k);
     return values;
   }
+  std::string mesh_text() const { return fmt::format("{} ({} unknowns)", coarse.describe(), unknowns); }
+  /// The label of a control's axis, and fractions of its largest value there.
+  std::pair<std::string, std::vector<std::string>> axis(size_t control, const std::vector<double>& fractions) const {
+    const DisplayUnit unit = display_unit(top(control), units_of(trials.control_quantities[control]).front());
+    return {fmt::format("{} [{}]", trials.control_ids[control], unit.name),
+            numbers(fractions, unit.factor, top(control))};
+  }
 };
+using Subject = std::shared_ptr<const StaticSubject>;
 
-std::shared_ptr<const StaticSubject> subject_of(const Experiment& experiment, const Trials& trials) {
+Subject subject_of(const Experiment& experiment, const Trials& trials) {
   if (!experiment.kind->at_rest)
     throw InputError(
         fmt::format("{}: its bench holds recordings over time; 'taut chart stability' takes benches with "
@@ -130,6 +136,12 @@ std::shared_ptr<const StaticSubject> subject_of(const Experiment& experiment, co
                     experiment.path));
   auto subject = std::make_shared<StaticSubject>();
   subject->experiment = experiment;
+  EquilibriumOptions& options = subject->experiment.equilibrium;
+  options.stop = nullptr;
+  options.max_iterations = 40;
+  options.max_halvings = 5;
+  options.max_total_iterations = 160;
+  options.load_steps = 1;
   subject->trials = trials;
   size_t most = 0;
   for (size_t k = 0; k < trials.control_ids.size(); ++k) {
@@ -140,32 +152,14 @@ std::shared_ptr<const StaticSubject> subject_of(const Experiment& experiment, co
       subject->load = static_cast<int>(k);
     }
   }
-  const auto modulus = [&](const std::string& region) {
-    for (const MaterialSettings& material : experiment.materials) {
-      const auto E = material.constants.find("E");
-      if (material.region == region && E != material.constants.end()) return E->second;
-    }
-    return 0.0;
-  };
-  subject->soft = subject->stiff = experiment.materials.front().region;
-  for (const MaterialSettings& material : experiment.materials) {
-    if (modulus(material.region) == 0) continue;
-    if (modulus(material.region) < modulus(subject->soft)) subject->soft = material.region;
-    if (modulus(material.region) > modulus(subject->stiff)) subject->stiff = material.region;
-  }
-  for (double factor = 1; factor > 0.05; factor /= 1.25) {
-    try {
-      const MeshSettings settings = refined(experiment.mesh, experiment.geometry, factor);
-      const auto size = make_mesh(experiment, settings).X.size();
-      subject->coarse = settings;
-      subject->unknowns = static_cast<int>(size);
-      const int allowed = experiment.geometry.dimension == 2 ? most_unknowns : most_unknowns_3d;
-      if (size <= allowed || !refinable(experiment.geometry)) break;
-    } catch (const InputError&) {
-      if (subject->unknowns == 0) throw;
-      break;  // too coarse for the geometry
-    }
-  }
+  subject->find(experiment.materials);
+  coarsen(0.05, [&](double factor) {
+    const MeshSettings settings = refined(experiment.mesh, experiment.geometry, factor);
+    subject->unknowns = static_cast<int>(make_mesh(experiment, settings).X.size());
+    subject->coarse = settings;
+    const int allowed = experiment.geometry.dimension == 2 ? most_unknowns : most_unknowns_3d;
+    return subject->unknowns <= allowed || !refinable(experiment.geometry);
+  });
   return subject;
 }
 
@@ -176,296 +170,249 @@ struct StaticCase {
   std::vector<double> controls;
   bool retract_first = false;
   double perturbed = 0;  ///< amplitude of the start's noise [m]
-  int load_steps = 1;
 };
+
+/// One ingredient of the solver changed; all else as it is.
+struct NaiveMethod {
+  std::string name;
+  std::function<void(StaticCase&)> change;
+};
+
+EquilibriumOptions::Comparison& comparison(StaticCase& what) {
+  return what.experiment.equilibrium.comparison;
+}
+
+/// First those that change how Newton's method goes on; last those that need contact.
+const std::vector<NaiveMethod> static_methods{
+    {"default", [](StaticCase&) {}},
+    {"Hessian always projected", [](StaticCase& what) { comparison(what).always_project = true; }},
+    {"no line search", [](StaticCase& what) { comparison(what).line_search = LineSearch::none; }},
+    {"energy only, straight steps",
+     [](StaticCase& what) {
+       comparison(what).line_search = LineSearch::armijo;
+       comparison(what).straight_steps = true;
+     }},
+    {"no test for a minimum", [](StaticCase& what) { what.experiment.equilibrium.check_minimum = false; }},
+    {"penalty contact", [](StaticCase& what) { what.experiment.contact.form = ContactForm::penalty; }},
+    {"steps not stopped by contact", [](StaticCase& what) { comparison(what).ignore_contact = true; }},
+};
+const std::vector<NaiveMethod> newton_methods(static_methods.begin(), static_methods.begin() + 4);
+const std::vector<NaiveMethod> contact_methods(static_methods.end() - 2, static_methods.end());
 
 struct StaticAnswer {
-  BenchModel model;
-  std::unique_ptr<Equilibrium> equilibrium;
-  Params p;
-  double reading = not_a_number;  ///< of the first channel, from the unloaded state [m]
-  bool reached = false;
-  int iterations = 0, factorisations = 0;  ///< before the last solve
+  StabilityRun run;
+  double reading = not_a_number;  ///< of the first channel, from the unloaded state [m]; NaN where it does not arrive
+  Eigen::VectorXd u;              ///< empty where it does not arrive, or slips
 };
 
-StaticAnswer solve_case(const StaticCase& what, const Trials& trials, const EquilibriumOptions& options) {
-  StaticAnswer answer;
-  answer.model = make_model(what.experiment, what.mesh, trials);
-  const Scene& scene = answer.model.scene;
-  EquilibriumOptions stepped = options;
-  stepped.load_steps = what.load_steps;
-  answer.equilibrium = std::make_unique<Equilibrium>(*scene.model, stepped);
-  Equilibrium& equilibrium = *answer.equilibrium;
-  Params rest = scene.values, unloaded;
-  for (int index : answer.model.off_at_rest) rest[index] = 0;
-  answer.p = scene.values;
-  for (size_t k = 0; k < what.controls.size(); ++k) answer.p[answer.model.controls[k]] = what.controls[k];
-  unloaded = answer.p;
+/// `reference`: displacements of the right answer; empty where they are not known.
+StaticAnswer solve_case(const StaticCase& what, const StaticSubject& subject, const Eigen::VectorXd& reference = {}) {
+  const EquilibriumOptions& options = what.experiment.equilibrium;
+  const BenchModel bench = make_model(what.experiment, what.mesh, subject.trials);
+  const Model& model = *bench.scene.model;
+  Params rest = bench.scene.values, unloaded = rest, p = rest;
+  for (int index : bench.off_at_rest) rest[index] = 0;
   for (size_t k = 0; k < what.controls.size(); ++k) {
-    if (what.experiment.cables.columns.count(what.experiment.bench.controls[k].id) == 0)
-      unloaded[answer.model.controls[k]] = 0;
+    p[bench.controls[k]] = what.controls[k];
+    unloaded[bench.controls[k]] = subject.retracts(k) ? what.controls[k] : 0.0;
   }
+  Equilibrium equilibrium(model, options);
   equilibrium.start_at_rest(rest);
   if (what.perturbed > 0) {
     std::mt19937 random(1);
     std::uniform_real_distribution<double> uniform(-1, 1);
-    Eigen::VectorXd noise(scene.model->unknowns());
-    for (Eigen::Index i = 0; i < noise.size(); ++i) noise[i] = what.perturbed * uniform(random);
-    equilibrium.start_beyond(Eigen::VectorXd::Zero(noise.size()),
-                             scene.model->extend_from_free(scene.model->restrict_to_free(noise)), rest);
+    Eigen::VectorXd noise(model.unknowns());
+    for (double& entry : noise) entry = what.perturbed * uniform(random);
+    equilibrium.start_beyond(Eigen::VectorXd::Zero(noise.size()), model.extend_from_free(model.restrict_to_free(noise)),
+                             rest);
   }
+  StaticAnswer answer;
+  SolveReport retracting;
   double before = 0;
+  bool going = true;
+  const auto reading_at = [&](const Params& at) {
+    return bench.channels.front().channel->value({equilibrium.u(), at});
+  };
   if (what.retract_first) {
-    if (equilibrium.solve(unloaded).status != SolveStatus::converged) return answer;
-    before = answer.model.channels.front().channel->value({equilibrium.u(), unloaded});
-    answer.iterations = equilibrium.report().iterations;
-    answer.factorisations = equilibrium.report().factorisations;
+    going = equilibrium.solve(unloaded).status == SolveStatus::converged;
+    if (going) retracting = equilibrium.report();
+    before = reading_at(unloaded);
   }
-  answer.reached = equilibrium.solve(answer.p).status == SolveStatus::converged;
-  answer.reading = answer.model.channels.front().channel->value({equilibrium.u(), answer.p}) - before;
+  if (going && equilibrium.solve(p).status == SolveStatus::converged) {
+    answer.reading = reading_at(p) - before;
+    if (!equilibrium.report().slipped) answer.u = equilibrium.u();
+  }
+  answer.run = judge(equilibrium, options, p, reference, static_tolerance, subject.contact());
+  answer.run.iterations += retracting.iterations;
+  answer.run.factorisations += retracting.factorisations;
   return answer;
 }
 
-StaticCase refined_path(StaticCase what) {
+/// The default's path in small steps, looked after for slips.
+StaticAnswer refined_path(StaticCase what, const StaticSubject& subject) {
   what.retract_first = true;
   what.perturbed = 0;
-  what.load_steps = 4;
-  return what;
-}
-
-/// Displacements of the default's path in small steps, looked after for slips; empty where it does not arrive.
-Eigen::VectorXd reference_of(const StaticCase& what, const StaticSubject& subject) {
-  EquilibriumOptions options = map_options(subject.experiment);
+  EquilibriumOptions& options = what.experiment.equilibrium;
+  options.load_steps = 4;
   options.check_path = true;
   options.max_halvings = 10;
   options.max_total_iterations = 1000;
-  const StaticAnswer answer = solve_case(refined_path(what), subject.trials, options);
-  return answer.reached && !answer.equilibrium->report().slipped ? answer.equilibrium->u() : Eigen::VectorXd();
+  return solve_case(what, subject);
 }
 
-StabilityRun judged(const StaticAnswer& answer, const EquilibriumOptions& options, const Eigen::VectorXd& reference,
-                    bool contact) {
-  StabilityRun run = judge(*answer.equilibrium, options, answer.p, reference, static_tolerance, contact);
-  run.iterations += answer.iterations;
-  run.factorisations += answer.factorisations;
-  return run;
-}
-
-/// Runs a case by a method and judges it by displacements.
-StabilityRun run_case(StaticCase what, const StaticSubject& subject, const NaiveMethod& method,
-                      const Eigen::VectorXd& reference) {
-  EquilibriumOptions options = map_options(subject.experiment);
-  method.change(options);
-  what.experiment.contact.form = method.form;
-  const StaticAnswer answer = solve_case(what, subject.trials, options);
-  options.load_steps = what.load_steps;
-  StabilityRun run = judged(answer, options, reference, subject.contact());
+/// Runs a case and judges it by displacements.
+StabilityRun run_case(const StaticCase& what, const StaticSubject& subject, const Eigen::VectorXd& reference) {
+  StabilityRun run = solve_case(what, subject, reference).run;
   // Where the refined path slips or ends before, no path leads to what was found.
   if (reference.size() == 0 && run.outcome < Outcome::elsewhere) run.outcome = Outcome::elsewhere;
   return run;
 }
 
-/// Values that are computed once per (x, y) and used by all methods.
-template <class Value>
-class Remembered {
- public:
-  template <class Compute>
-  const Value& at(size_t x, size_t y, Compute&& compute) {
-    const auto found = values_.find({x, y});
-    return found != values_.end() ? found->second : values_.emplace(std::pair{x, y}, compute()).first->second;
-  }
-
- private:
-  std::map<std::pair<size_t, size_t>, Value> values_;
-};
-
-/// Makes a map's cells those of `case_of(method, x, y)`, judged by the displacements of the refined path of
-/// `place_of(x, y)`.
-template <class CaseOf, class PlaceOf>
-void judge_by_path(StabilityMap& map, std::shared_ptr<const StaticSubject> subject,
-                   const std::vector<NaiveMethod>& methods, CaseOf case_of, PlaceOf place_of) {
-  map.methods = names_of(methods);
-  map.run = [=, references = std::make_shared<Remembered<Eigen::VectorXd>>()](size_t m, size_t x, size_t y) {
-    const StaticCase what = case_of(m, x, y);
-    const auto [i, j] = place_of(x, y);
-    return run_case(what, *subject, methods[m], references->at(i, j, [&] { return reference_of(what, *subject); }));
-  };
-}
-
-/// Cells of one x, or all of them, share a path: what it takes does not change with y.
-constexpr auto of_column = [](size_t x, size_t) { return std::pair(x, size_t{0}); };
-constexpr auto of_map = [](size_t, size_t) { return std::pair(size_t{0}, size_t{0}); };
-
-std::string mesh_text(const StaticSubject& subject) {
-  return fmt::format("{} ({} unknowns)", subject.coarse.describe(), subject.unknowns);
-}
-
-/// The unit in which a control is shown, and its label.
-std::pair<double, std::string> axis_of(const StaticSubject& subject, size_t control) {
-  const Quantity quantity = subject.trials.control_quantities[control];
-  const std::string si = units_of(quantity).front();
-  const DisplayUnit unit = display_unit(subject.top(control), si);
-  return {unit.factor, fmt::format("{} [{}]", subject.trials.control_ids[control], unit.name)};
-}
-
-StabilityMap retraction_over_load(std::shared_ptr<const StaticSubject> subject) {
-  const auto load = static_cast<size_t>(subject->load), retraction = subject->first.front();
-  const auto [load_unit, load_label] = axis_of(*subject, load);
-  const auto [length_unit, length_label] = axis_of(*subject, retraction);
-  const std::vector<double> loads{0.1, 0.4, 1, 1.5, 2}, retractions{0, 0.35, 0.7, 1, 1.2};
-  std::vector<NaiveMethod> methods = static_methods(subject->contact());
-  methods.insert(methods.begin(), {"default, retraction first", [](EquilibriumOptions&) {}});
-  methods[1].name = "default, all at once";
-  StabilityMap map;
-  map.id = "retraction_load";
-  map.title = "Retraction and load at once, from rest";
-  map.setting = mesh_text(*subject) + "; only the first panel retracts before it loads, as the bench does";
-  map.x_label = load_label;
-  map.y_label = length_label;
-  for (double x : loads) map.x.push_back(number(x * subject->top(load) / load_unit));
-  for (double y : retractions) map.y.push_back(number(y * subject->top(retraction) / length_unit));
-  const auto case_of = [=](size_t m, size_t x, size_t y) {
-    return StaticCase{subject->experiment, subject->coarse, subject->controls(retractions[y], loads[x]), m == 0};
-  };
-  judge_by_path(map, subject, methods, case_of, [](size_t x, size_t y) { return std::pair(x, y); });
-  return map;
-}
-
-void set_constant(std::vector<MaterialSettings>& materials, const std::string& region, const char* id, double value) {
-  for (MaterialSettings& material : materials) {
-    if (material.region == region) material.constants[id] = value;
-  }
-}
-
-/// NaN where the region's law has none.
-double constant_of(const std::vector<MaterialSettings>& materials, const std::string& region, const char* id) {
-  for (const MaterialSettings& material : materials) {
-    if (material.region == region && material.constants.count(id) > 0) return material.constants.at(id);
-  }
-  return not_a_number;
-}
-
-const std::vector<int> step_counts{1, 2, 4, 8, 16};
-
-std::vector<std::string> step_texts() {
-  std::vector<std::string> text;
-  for (int count : step_counts) text.push_back(std::to_string(count));
-  return text;
-}
-
-StabilityMap ratio_over_steps(std::shared_ptr<const StaticSubject> subject) {
-  const std::vector<double> ratios{1e1, 1e3, 1e5, 1e6, 1e7};
-  StabilityMap map;
-  map.id = "stiffness_ratio";
-  map.title = "A stiff part beside a soft one";
-  map.setting = mesh_text(*subject) + "; a third of the largest retraction and the largest load, all at once";
-  map.x_label = fmt::format("E of {} / E of {}", subject->stiff, subject->soft);
-  map.y_label = "load steps";
-  for (double ratio : ratios) map.x.push_back(fmt::format("1e{:.0f}", std::log10(ratio)));
-  map.y = step_texts();
-  const auto case_of = [=](size_t, size_t x, size_t y) {
-    StaticCase what{subject->experiment, subject->coarse, subject->controls(0.33, 1), false, 0, step_counts[y]};
-    std::vector<MaterialSettings>& materials = what.experiment.materials;
-    set_constant(materials, subject->stiff, "E", ratios[x] * constant_of(materials, subject->soft, "E"));
-    return what;
-  };
-  judge_by_path(map, subject, newton_methods(), case_of, of_column);
-  return map;
-}
-
-StabilityMap load_over_steps(std::shared_ptr<const StaticSubject> subject) {
-  const auto load = static_cast<size_t>(subject->load);
-  const auto [unit, label] = axis_of(*subject, load);
-  const std::vector<double> loads{1, 3, 10, 30, 100};
-  StabilityMap map;
-  map.id = "load_steps";
-  map.title = "Loads far beyond the bench's own";
-  map.setting = mesh_text(*subject);
-  map.x_label = label;
-  map.y_label = "load steps";
-  for (double x : loads) map.x.push_back(number(x * subject->top(load) / unit));
-  map.y = step_texts();
-  const auto case_of = [=](size_t, size_t x, size_t y) {
-    return StaticCase{subject->experiment, subject->coarse, subject->controls(0, loads[x]), false, 0, step_counts[y]};
-  };
-  judge_by_path(map, subject, newton_methods(), case_of, of_column);
-  return map;
-}
-
-/// The first channel's reading in a case that the default solves; NaN where it does not arrive.
-double right_reading(const StaticCase& what, const StaticSubject& subject) {
-  const StaticAnswer answer = solve_case(what, subject.trials, map_options(subject.experiment));
-  return answer.reached ? answer.reading : not_a_number;
-}
-
-/// Runs a case by a method and judges it by the first channel's reading. `right`: NaN where there is none.
-StabilityRun run_by_reading(StaticCase what, const StaticSubject& subject, const NaiveMethod& method, double right) {
-  EquilibriumOptions options = map_options(subject.experiment);
-  method.change(options);
-  what.experiment.contact.form = method.form;
-  const StaticAnswer answer = solve_case(what, subject.trials, options);
-  StabilityRun run = judged(answer, options, {}, subject.contact());
+/// Runs a case and judges it by the first channel's reading. `right`: NaN where there is none.
+StabilityRun run_case(const StaticCase& what, const StaticSubject& subject, double right) {
+  auto [run, reading, u] = solve_case(what, subject);
   if (run.outcome > Outcome::elsewhere || !std::isfinite(right)) return run;
-  run.error = answer.reading / right - 1;
-  if (run.error < too_stiff - 1) {
-    run.outcome = Outcome::locked;
-  } else if (run.error > 1 - too_stiff) {
-    run.outcome = Outcome::elsewhere;
-  }
+  run.error = reading / right - 1;
+  if (run.error < too_stiff - 1) run.outcome = Outcome::locked;
+  if (run.error > 1 - too_stiff) run.outcome = Outcome::elsewhere;
   return run;
 }
 
-StabilityMap poisson_over_element(std::shared_ptr<const StaticSubject> subject) {
-  const std::vector<double> ratios{0, 0.3, 0.45, 0.49, 0.4999};
-  struct Element {
-    const char* name;
-    int order;
-    Formulation formulation;
-  };
-  const std::vector<Element> elements{{"linear", 1, Formulation::standard},
-                                      {"quadratic", 2, Formulation::standard},
-                                      {"locking-free", 2, Formulation::locking_free}};
-  StabilityMap map;
-  map.id = "poisson_element";
-  map.elsewhere = "too soft by over 10 %";
-  map.title = fmt::format("Elements as {} becomes incompressible", subject->soft);
-  map.setting = fmt::format(
-      "error of '{}' at a small load, against locking-free elements 1.5 times finer than its own; coarse: {} unknowns",
-      subject->experiment.channels.front().id, subject->unknowns);
-  map.x_label = fmt::format("Poisson's ratio of {}", subject->soft);
-  map.y_label = "element";
-  map.x = {"0", "0.3", "0.45", "0.49", "0.4999"};
-  for (const Element& element : elements) map.y.push_back(element.name);
-  map.methods = {"default, coarse mesh", "default, own mesh", "projected, coarse mesh"};
-  map.shows_error = true;
-  map.run = [=, references = std::make_shared<Remembered<double>>()](size_t m, size_t x, size_t y) {
-    StaticCase what{subject->experiment, subject->coarse, subject->controls(0.35, 0.1), true};
-    set_constant(what.experiment.materials, subject->soft, "nu", ratios[x]);
-    const double right = references->at(x, 0, [&] {
-      StaticCase fine = what;
-      fine.mesh = refined(subject->experiment.mesh, subject->experiment.geometry, 1.5);
-      fine.mesh.order = 2;
-      fine.mesh.formulation = Formulation::locking_free;
-      return right_reading(fine, *subject);
-    });
-    if (m == 1) what.mesh = subject->experiment.mesh;
-    what.mesh.order = elements[y].order;
-    what.mesh.formulation = elements[y].formulation;
-    return run_by_reading(what, *subject, {"", [&](EquilibriumOptions& o) { o.comparison.always_project = m == 2; }},
-                          right);
+using Place = std::pair<size_t, size_t>;  ///< x and y in a map
+
+/// A map whose cells are cases, changed by each method, and judged by the reference of their place; cells share that
+/// where it is the same for them.
+template <class CaseOf, class PlaceOf, class ReferenceOf>
+StabilityMap filled(StabilityMap map, Subject subject, const std::vector<NaiveMethod>& methods, CaseOf case_of,
+                    PlaceOf place_of, ReferenceOf reference_of) {
+  for (const NaiveMethod& method : methods) map.methods.push_back(method.name);
+  using References = std::map<Place, decltype(reference_of(size_t{}, size_t{}))>;
+  map.run = [=, references = std::make_shared<References>()](size_t m, size_t x, size_t y) {
+    const Place place = place_of(x, y);
+    const auto& reference = remembered(*references, place, [&] { return reference_of(place.first, place.second); });
+    StaticCase what = case_of(x, y);
+    what.experiment.contact.form = ContactForm::length_weighted;
+    methods[m].change(what);
+    return run_case(what, *subject, reference);
   };
   return map;
 }
 
-StabilityMap gap_over_size(std::shared_ptr<const StaticSubject> subject) {
+/// The same, judged by the displacements of the refined path.
+template <class CaseOf, class PlaceOf>
+StabilityMap judged_by_path(StabilityMap map, Subject subject, const std::vector<NaiveMethod>& methods, CaseOf case_of,
+                            PlaceOf place_of) {
+  const auto reference_of = [=](size_t x, size_t y) { return refined_path(case_of(x, y), *subject).u; };
+  return filled(std::move(map), subject, methods, case_of, place_of, reference_of);
+}
+
+/// Cells of one x, or all of them, share a path: what it takes does not change with y.
+constexpr auto of_cell = [](size_t x, size_t y) { return Place(x, y); };
+constexpr auto of_column = [](size_t x, size_t) { return Place(x, 0); };
+constexpr auto of_map = [](size_t, size_t) { return Place(0, 0); };
+
+StabilityMap retraction_over_load(Subject subject) {
+  const std::vector<double> loads{0.1, 0.4, 1, 1.5, 2}, retractions{0, 0.35, 0.7, 1, 1.2};
+  const auto [load_label, load_texts] = subject->axis(static_cast<size_t>(subject->load), loads);
+  const auto [length_label, length_texts] = subject->axis(subject->first.front(), retractions);
+  std::vector<NaiveMethod> methods = static_methods;
+  if (!subject->contact()) methods.resize(methods.size() - contact_methods.size());
+  methods.front().name = "default, all at once";
+  methods.insert(methods.begin(), {"default, retraction first", [](StaticCase& what) { what.retract_first = true; }});
+  const auto case_of = [=](size_t x, size_t y) {
+    return StaticCase{subject->experiment, subject->coarse, subject->controls(retractions[y], loads[x])};
+  };
+  return judged_by_path({"retraction_load", "Retraction and load at once, from rest",
+                         subject->mesh_text() + "; only the first panel retracts before it loads, as the bench does",
+                         load_label, length_label, load_texts, length_texts},
+                        subject, methods, case_of, of_cell);
+}
+
+const std::vector<std::string> step_counts{"1", "2", "4", "8", "16"};
+
+/// A case with the load steps of a place of `step_counts`.
+StaticCase stepped(const StaticSubject& subject, std::vector<double> controls, size_t y) {
+  StaticCase what{subject.experiment, subject.coarse, std::move(controls)};
+  what.experiment.equilibrium.load_steps = 1 << y;
+  return what;
+}
+
+StabilityMap ratio_over_steps(Subject subject) {
+  const std::vector<double> ratios{1e1, 1e3, 1e5, 1e6, 1e7};
+  const auto case_of = [=](size_t x, size_t y) {
+    StaticCase what = stepped(*subject, subject->controls(0.33, 1), y);
+    subject->set_ratio(what.experiment.materials, ratios[x]);
+    return what;
+  };
+  return judged_by_path({"stiffness_ratio", "A stiff part beside a soft one",
+                         subject->mesh_text() + "; a third of the largest retraction and the largest load, all at once",
+                         subject->ratio_label(), "load steps", powers_of_ten(ratios), step_counts},
+                        subject, newton_methods, case_of, of_column);
+}
+
+StabilityMap load_over_steps(Subject subject) {
+  const std::vector<double> loads{1, 3, 10, 30, 100};
+  const auto [label, texts] = subject->axis(static_cast<size_t>(subject->load), loads);
+  const auto case_of = [=](size_t x, size_t y) { return stepped(*subject, subject->controls(0, loads[x]), y); };
+  return judged_by_path(
+      {"load_steps", "Loads far beyond the bench's own", subject->mesh_text(), label, "load steps", texts, step_counts},
+      subject, newton_methods, case_of, of_column);
+}
+
+StabilityMap poisson_over_element(Subject subject) {
+  const std::vector<double> ratios{0, 0.3, 0.45, 0.49, 0.4999};
+  const std::vector<std::pair<int, Formulation>> elements{
+      {1, Formulation::standard}, {2, Formulation::standard}, {2, Formulation::locking_free}};
+  const Experiment& experiment = subject->experiment;
+  const auto of_element = [=](MeshSettings mesh, size_t y) {
+    std::tie(mesh.order, mesh.formulation) = elements[y];
+    return mesh;
+  };
+  const auto case_on = [=](const MeshSettings& mesh, size_t x, size_t y) {
+    StaticCase what{subject->experiment, of_element(mesh, y), subject->controls(0.35, 0.1), true};
+    material_of(what.experiment.materials, subject->soft).constants["nu"] = ratios[x];
+    return what;
+  };
+  const auto case_of = [=](size_t x, size_t y) { return case_on(subject->coarse, x, y); };
+  const auto reference_of = [=, fine = refined(experiment.mesh, experiment.geometry, 1.5)](size_t x, size_t) {
+    return solve_case(case_on(fine, x, 2), *subject).reading;
+  };
+  const auto own_mesh = [=](StaticCase& what) {
+    MeshSettings own = subject->experiment.mesh;
+    own.order = what.mesh.order;
+    own.formulation = what.mesh.formulation;
+    what.mesh = own;
+  };
+  StabilityMap map{
+      "poisson_element",
+      fmt::format("Elements as {} becomes incompressible", subject->soft),
+      fmt::format("error of '{}' at a small load, against locking-free elements 1.5 times finer than its own; coarse: "
+                  "{} unknowns",
+                  experiment.channels.front().id, subject->unknowns),
+      fmt::format("Poisson's ratio of {}", subject->soft),
+      "element",
+      {"0", "0.3", "0.45", "0.49", "0.4999"},
+      {"linear", "quadratic", "locking-free"}};
+  map.elsewhere = "too soft by over 10 %";
+  map.shows_error = true;
+  const std::vector<NaiveMethod> methods{{"default, coarse mesh", static_methods[0].change},
+                                         {"default, own mesh", own_mesh},
+                                         {"projected, coarse mesh", static_methods[1].change}};
+  return filled(std::move(map), subject, methods, case_of, of_column, reference_of);
+}
+
+StabilityMap gap_over_size(Subject subject) {
   const std::vector<double> sizes{1, 0.8, 0.6, 0.45};
+  const auto mesh_of = [=](double size, double gap) {
+    MeshSettings mesh = refined(subject->coarse, subject->experiment.geometry, 1 / size);
+    mesh.contact_gap = gap;
+    return mesh;
+  };
   // The largest gap is the largest that the finest mesh admits at rest, by halves.
   double most = 1e-2 * make_mesh(subject->experiment, subject->coarse).diagonal();
   const auto admitted = [&](double gap) {
-    MeshSettings settings = refined(subject->coarse, subject->experiment.geometry, 1 / sizes.back());
-    settings.contact_gap = gap;
     try {
-      make_model(subject->experiment, settings, subject->trials);
+      make_model(subject->experiment, mesh_of(sizes.back(), gap), subject->trials);
     } catch (const InputError&) {
       return false;
     }
@@ -473,80 +420,58 @@ StabilityMap gap_over_size(std::shared_ptr<const StaticSubject> subject) {
   };
   for (int halved = 0; halved < 12 && !admitted(most); ++halved) most *= 0.5;
   const std::vector<double> gaps{most / 200, most / 20, most / 4, most};
-  const std::vector<std::pair<std::string, ContactForm>> forms{{"default: length-weighted", {}},
-                                                               {"sum over pairs", ContactForm::pair_sum},
-                                                               {"penalty contact", ContactForm::penalty}};
-  StabilityMap map;
-  map.id = "contact_gap";
+  const auto case_of = [=](size_t x, size_t y) {
+    return StaticCase{subject->experiment, mesh_of(sizes[y], gaps[x]), subject->controls(1, 0.4), true};
+  };
+  const auto reference_of = [=](size_t, size_t) { return solve_case(case_of(0, sizes.size() - 1), *subject).reading; };
+  StabilityMap map{
+      "contact_gap",
+      "Contact gap of the closed module",
+      fmt::format("largest retraction, then 40 % of the largest load; error against the smallest gap and elements; "
+                  "100 %: {} unknowns",
+                  subject->unknowns),
+      "contact gap [um]",
+      "element size [%]",
+      numbers(gaps, 1e-6),
+      numbers(sizes, 1e-2)};
   map.elsewhere = "too soft by over 10 %";
-  map.title = "Contact gap of the closed module";
-  map.setting = fmt::format(
-      "largest retraction, then 40 % of the largest load; error against the smallest gap and elements; 100 %: {} "
-      "unknowns",
-      subject->unknowns);
-  map.x_label = "contact gap [um]";
-  map.y_label = "element size [%]";
-  map.x = numbers(gaps, 1e-6);
-  map.y = numbers(sizes, 1e-2);
   map.shows_error = true;
-  for (const auto& [name, form] : forms) map.methods.push_back(name);
-  map.methods.push_back("steps not stopped by contact");
-  const auto barrier = [=](size_t x, size_t y) {
-    StaticCase what{subject->experiment, refined(subject->coarse, subject->experiment.geometry, 1 / sizes[y]),
-                    subject->controls(1, 0.4), true};
-    what.mesh.contact_gap = gaps[x];
-    return what;
-  };
-  map.run = [=, references = std::make_shared<Remembered<double>>()](size_t m, size_t x, size_t y) {
-    const double right = references->at(0, 0, [&] { return right_reading(barrier(0, sizes.size() - 1), *subject); });
-    const NaiveMethod method{"", [&](EquilibriumOptions& o) { o.comparison.ignore_contact = m == forms.size(); },
-                             m < forms.size() ? forms[m].second : ContactForm::length_weighted};
-    return run_by_reading(barrier(x, y), *subject, method, right);
-  };
-  return map;
+  std::vector<NaiveMethod> methods{
+      {"default: length-weighted", static_methods[0].change},
+      {"sum over pairs", [](StaticCase& what) { what.experiment.contact.form = ContactForm::pair_sum; }}};
+  methods.insert(methods.end(), contact_methods.begin(), contact_methods.end());
+  return filled(std::move(map), subject, methods, case_of, of_map, reference_of);
 }
 
-StabilityMap start_over_steps(std::shared_ptr<const StaticSubject> subject) {
+StabilityMap start_over_steps(Subject subject) {
   const std::vector<double> amplitudes{0, 0.005, 0.01, 0.02, 0.05};
   const Mesh mesh = make_mesh(subject->experiment, subject->coarse);
   double volume = 0;
   for (double measure : element_measures(mesh)) volume += measure;
   const double mean = std::pow(volume / mesh.element_count(), 1.0 / mesh.dimension());
-  StabilityMap map;
-  map.id = "perturbed_start";
-  map.title = "A crumpled start";
-  map.setting =
-      mesh_text(*subject) + "; nodes moved at random (seed 1); a third of the largest retraction, largest load";
-  map.x_label = "noise / element size";
-  map.y_label = "load steps";
-  map.x = numbers(amplitudes);
-  map.y = step_texts();
-  const auto case_of = [=](size_t, size_t x, size_t y) {
-    return StaticCase{subject->experiment,  subject->coarse, subject->controls(0.33, 1), false,
-                      mean * amplitudes[x], step_counts[y]};
+  const auto case_of = [=](size_t x, size_t y) {
+    StaticCase what = stepped(*subject, subject->controls(0.33, 1), y);
+    what.perturbed = mean * amplitudes[x];
+    return what;
   };
-  judge_by_path(map, subject, newton_methods(), case_of, of_map);
-  return map;
+  return judged_by_path(
+      {"perturbed_start", "A crumpled start",
+       subject->mesh_text() + "; nodes moved at random (seed 1); a third of the largest retraction, largest load",
+       "noise / element size", "load steps", numbers(amplitudes), step_counts},
+      subject, newton_methods, case_of, of_map);
 }
 
 // ---- over time
 
 /// What the maps of a simulation share: a start just before the first touch, and a short while from there. Controls
 /// stay at their first values, so that bodies at rest are in equilibrium.
-struct FlightSubject {
+struct FlightSubject : Contrast {
   Simulation simulation;     ///< on a coarse mesh
   double t = 0, length = 0;  ///< start and length of the while [s]
   Eigen::VectorXd u, v;
   int unknowns = 0;
-  std::string soft, stiff, flying;  ///< regions; `flying`: of the bodies without supports, else the stiff one
+  std::string flying;  ///< region of the bodies without supports, else the stiff one
 };
-
-double* density_of(Simulation& simulation, const std::string& region) {
-  for (MaterialSettings& material : simulation.materials) {
-    if (material.region == region && material.density) return &*material.density;
-  }
-  return nullptr;
-}
 
 /// Bodies that nothing holds.
 std::vector<const BodySettings*> free_bodies(const Simulation& simulation) {
@@ -607,35 +532,20 @@ std::shared_ptr<const FlightSubject> subject_of(const Simulation& simulation) {
                     "with readings at rest and simulations over time",
                     simulation.path));
   auto subject = std::make_shared<FlightSubject>();
-  for (double factor = 1; factor > 0.1; factor /= 1.25) {
-    try {
-      Simulation coarse = simulation;
-      coarse.equilibrium.stop = nullptr;
-      for (BodySettings& body : coarse.bodies) body.mesh = refined(body.mesh, body.geometry, factor);
-      const Robot robot = make_robot(coarse);
-      subject->unknowns = robot.scene.model->free_unknowns();
-      subject->simulation = coarse;
-      if (subject->unknowns <= most_unknowns_3d) break;
-    } catch (const InputError&) {
-      if (subject->unknowns == 0) throw;
-      break;
-    }
-  }
-  const auto stiffness = [](const MaterialSettings& material) { return material.constants.at("E"); };
-  std::vector<MaterialSettings> materials;
-  for (const MaterialSettings& material : simulation.materials) {
-    if (material.constants.count("E") > 0) materials.push_back(material);
-  }
-  if (!materials.empty()) {
-    subject->soft = std::ranges::min_element(materials, {}, stiffness)->region;
-    subject->stiff = std::ranges::max_element(materials, {}, stiffness)->region;
-  }
+  coarsen(0.1, [&](double factor) {
+    Simulation coarse = simulation;
+    coarse.equilibrium.stop = nullptr;
+    for (BodySettings& body : coarse.bodies) body.mesh = refined(body.mesh, body.geometry, factor);
+    subject->unknowns = make_robot(coarse).scene.model->free_unknowns();
+    subject->simulation = coarse;
+    return subject->unknowns <= most_unknowns_3d;
+  });
+  subject->find(simulation.materials);
   const Robot robot = make_robot(subject->simulation);
   fly(*subject, robot);
   subject->length = 20 * simulation.step;
   subject->flying = subject->stiff;
-  const auto free = free_bodies(simulation);
-  if (!free.empty()) {
+  if (const auto free = free_bodies(simulation); !free.empty()) {
     const Mesh& mesh = robot.scene.model->mesh();
     subject->flying = mesh.region_names[static_cast<size_t>(
         mesh.region[static_cast<size_t>(mesh.part(free[0]->name).first_element)])];
@@ -643,39 +553,52 @@ std::shared_ptr<const FlightSubject> subject_of(const Simulation& simulation) {
   return subject;
 }
 
+struct FlightMethod {
+  const char* name;
+  Integrator integrator = Integrator::implicit_euler;
+  bool ignores_contact = false, is_explicit = false;
+};
+const std::vector<FlightMethod> flight_methods{{"default: implicit Euler"},
+                                               {"BDF2", Integrator::bdf2},
+                                               {"steps not stopped by contact", Integrator::implicit_euler, true},
+                                               {"explicit Runge-Kutta", Integrator::implicit_euler, false, true}};
+
 /// The last state of a run over time, and what was seen on the way.
 struct Flown {
   bool arrived = false, folded = false, crossed = false;
-  int failures = 0, iterations = 0, factorisations = 0;
+  int failures = 0;
+  StabilityRun run;  ///< not yet judged
   Eigen::VectorXd u;
+
+  void look(const Robot& robot, const Eigen::VectorXd& state) {
+    u = state;
+    folded = folded || !(smallest_jacobian(robot.scene.model->mesh(), u) > 0);
+    crossed = crossed || (robot.intersects && robot.intersects(u));
+  }
 };
 
-Flown step_through(const FlightSubject& subject, const Robot& robot, double h, Integrator integrator,
-                   const std::function<void(EquilibriumOptions&)>& change) {
+Flown step_through(const FlightSubject& subject, const Robot& robot, double h, const FlightMethod& method) {
   TimeStepperOptions options;
   options.step = h;
-  options.integrator = integrator;
+  options.integrator = method.integrator;
   options.shortest = 1.0 / 64;
   options.equilibrium = subject.simulation.equilibrium;
-  change(options.equilibrium);
+  options.equilibrium.comparison.ignore_contact = method.ignores_contact;
   TimeStepper stepper(*robot.scene.model, options);
   const Params p = robot.at(subject.simulation, 0);
   stepper.start(0, subject.u, subject.v, [&](double) { return p; });
   Flown flown;
-  int steps = 0;
+  flown.u = stepper.u();
   bool going = true;
-  while (going && stepper.t() < subject.length && steps++ < most_steps) {
+  for (int steps = 0; going && stepper.t() < subject.length && steps < most_steps && !flown.crossed; ++steps) {
     going = stepper.advance(subject.length);
-    flown.folded = flown.folded || !(smallest_jacobian(robot.scene.model->mesh(), stepper.u()) > 0);
-    flown.crossed = flown.crossed || (robot.intersects && robot.intersects(stepper.u()));
-    if (flown.crossed) break;
+    flown.look(robot, stepper.u());
   }
   const TimeStepperReport& report = stepper.report();
   flown.arrived = going && stepper.t() >= subject.length;
   flown.failures = report.failures;
-  flown.iterations = report.iterations;
-  flown.factorisations = report.factorisations;
-  flown.u = stepper.u();
+  flown.run.iterations = report.iterations;
+  flown.run.factorisations = report.factorisations;
   return flown;
 }
 
@@ -691,29 +614,16 @@ Flown leap_through(const FlightSubject& subject, const Robot& robot, double h) {
   integrator.start(0, subject.u, subject.v, [&](double) { return p; });
   Flown flown;
   flown.arrived = integrator.advance_to(subject.length);
-  flown.u = integrator.u();
-  flown.folded = !(smallest_jacobian(robot.scene.model->mesh(), flown.u) > 0);
-  flown.crossed =
-      (robot.intersects && robot.intersects(flown.u)) || integrator.report().status == OdeStatus::passed_through;
-  flown.iterations = integrator.report().evaluations;
+  flown.crossed = integrator.report().status == OdeStatus::passed_through;
+  flown.look(robot, integrator.u());
+  flown.run.iterations = integrator.report().evaluations;
   return flown;
 }
 
-enum class FlightMethod { implicit_euler, bdf2, not_stopped, explicit_steps };
-const std::vector<std::string> flight_methods{"default: implicit Euler", "BDF2", "steps not stopped by contact",
-                                              "explicit Runge-Kutta"};
-
-StabilityRun run_flight(const FlightSubject& subject, const Robot& robot, FlightMethod method, double h,
+StabilityRun run_flight(const FlightSubject& subject, const Robot& robot, const FlightMethod& method, double h,
                         const Eigen::VectorXd& reference) {
-  const auto change = [&](EquilibriumOptions& options) {
-    options.comparison.ignore_contact = method == FlightMethod::not_stopped;
-  };
-  const Integrator integrator = method == FlightMethod::bdf2 ? Integrator::bdf2 : Integrator::implicit_euler;
-  const Flown flown = method == FlightMethod::explicit_steps ? leap_through(subject, robot, h)
-                                                             : step_through(subject, robot, h, integrator, change);
-  StabilityRun run;
-  run.iterations = flown.iterations;
-  run.factorisations = flown.factorisations;
+  const Flown flown = method.is_explicit ? leap_through(subject, robot, h) : step_through(subject, robot, h, method);
+  StabilityRun run = flown.run;
   if (reference.size() > 0 && flown.arrived) run.error = largest(flown.u - reference) / largest(reference - subject.u);
   run.outcome = flown.crossed                          ? Outcome::intersected
                 : flown.folded || !flown.u.allFinite() ? Outcome::inverted
@@ -724,36 +634,35 @@ StabilityRun run_flight(const FlightSubject& subject, const Robot& robot, Flight
   return run;
 }
 
-/// A map over time steps and what `alter` changes; values in the unit of `y`.
-StabilityMap time_map(std::shared_ptr<const FlightSubject> subject, std::function<void(Simulation&, size_t y)> alter) {
+/// A map over time steps and what `alter` changes.
+StabilityMap time_map(std::shared_ptr<const FlightSubject> subject, StabilityMap map,
+                      std::function<void(Simulation&, size_t y)> alter) {
   const std::vector<double> steps{0.2, 1, 4, 10, 20};
   const double own = subject->simulation.step;
   const DisplayUnit unit = display_unit(own, "s");
-  StabilityMap map;
   map.setting = fmt::format(
       "{:.3g} ms {}, coarse mesh: {} unknowns; against BDF2 with half of the shortest step; at most {} steps",
       1e3 * subject->length, subject->t > 0 ? "from the first touch on" : "from the start on", subject->unknowns,
       most_steps);
   map.x_label = fmt::format("time step [{}]", unit.name);
-  for (double x : steps) map.x.push_back(number(x * own / unit.factor));
-  map.methods = flight_methods;
+  map.x = numbers(steps, unit.factor, own);
+  for (const FlightMethod& method : flight_methods) map.methods.push_back(method.name);
   map.elsewhere = fmt::format("off by over {:.0f} %", 100 * dynamic_tolerance);
   map.shows_error = true;
   struct Row {
     Robot robot;
     Eigen::VectorXd reference;
   };
-  map.run = [=, rows = std::make_shared<Remembered<std::shared_ptr<Row>>>()](size_t m, size_t x, size_t y) {
-    const Row& row = *rows->at(0, y, [&] {
+  map.run = [=, rows = std::make_shared<std::map<size_t, Row>>()](size_t m, size_t x, size_t y) {
+    const Row& row = remembered(*rows, y, [&] {
       Simulation altered = subject->simulation;
       alter(altered, y);
-      auto made = std::make_shared<Row>(Row{make_robot(altered), {}});
-      const Flown fine =
-          step_through(*subject, made->robot, 0.5 * steps[0] * own, Integrator::bdf2, [](EquilibriumOptions&) {});
-      if (fine.arrived) made->reference = fine.u;
+      Row made{make_robot(altered), {}};
+      const Flown fine = step_through(*subject, made.robot, 0.5 * steps[0] * own, {"reference", Integrator::bdf2});
+      if (fine.arrived) made.reference = fine.u;
       return made;
     });
-    return run_flight(*subject, row.robot, static_cast<FlightMethod>(m), steps[x] * own, row.reference);
+    return run_flight(*subject, row.robot, flight_methods[m], steps[x] * own, row.reference);
   };
   return map;
 }
@@ -762,12 +671,9 @@ StabilityMap time_map(std::shared_ptr<const FlightSubject> subject, std::functio
 
 const Cells columns{"map", "method", "x", "y", "outcome", "iterations", "factorisations", "error", "fingerprint"};
 
-std::optional<Outcome> outcome_called(const std::string& name) {
-  for (int k = 0; k <= static_cast<int>(Outcome::intersected); ++k) {
-    if (name_of(static_cast<Outcome>(k)) == name) return static_cast<Outcome>(k);
-  }
-  return std::nullopt;
-}
+/// In the order of Outcome.
+constexpr std::array<std::string_view, 8> outcome_names{"converged", "cut back", "locked",   "elsewhere",
+                                                        "saddle",    "diverged", "inverted", "intersected"};
 
 Cells cells_of(const StabilityRun& run) {
   return {std::string(name_of(run.outcome)), fmt::format("{}", run.iterations), fmt::format("{}", run.factorisations),
@@ -775,11 +681,11 @@ Cells cells_of(const StabilityRun& run) {
 }
 
 std::optional<StabilityRun> run_of(const Cells& cells) {
-  const std::optional<Outcome> outcome = outcome_called(cells[0]);
+  const auto outcome = std::ranges::find(outcome_names, cells[0]);
   const auto iterations = parse_number(cells[1]), factorisations = parse_number(cells[2]);
-  if (!outcome || !iterations || !factorisations) return std::nullopt;
-  return StabilityRun{*outcome, static_cast<int>(*iterations), static_cast<int>(*factorisations),
-                      parse_number(cells[3]).value_or(not_a_number)};
+  if (outcome == outcome_names.end() || !iterations || !factorisations) return std::nullopt;
+  return StabilityRun{static_cast<Outcome>(outcome - outcome_names.begin()), static_cast<int>(*iterations),
+                      static_cast<int>(*factorisations), parse_number(cells[3]).value_or(not_a_number)};
 }
 
 /// A cell of a map among the settings of a study.
@@ -800,25 +706,7 @@ StudySetting setting_of(const CellOf& cell) {
 }  // namespace
 
 std::string_view name_of(Outcome outcome) {
-  switch (outcome) {
-    case Outcome::converged:
-      return "converged";
-    case Outcome::cut_back:
-      return "cut back";
-    case Outcome::locked:
-      return "locked";
-    case Outcome::elsewhere:
-      return "elsewhere";
-    case Outcome::saddle:
-      return "saddle";
-    case Outcome::diverged:
-      return "diverged";
-    case Outcome::inverted:
-      return "inverted";
-    case Outcome::intersected:
-      return "intersected";
-  }
-  return "";
+  return outcome_names[static_cast<size_t>(outcome)];
 }
 
 StabilityRun judge(Equilibrium& equilibrium, const EquilibriumOptions& options, const Params& p,
@@ -854,16 +742,16 @@ StabilityRun judge(Equilibrium& equilibrium, const EquilibriumOptions& options, 
 }
 
 std::vector<StabilityMap> stability_maps(const Experiment& experiment, const Trials& trials) {
-  const auto subject = subject_of(experiment, trials);
-  const bool loaded = subject->load >= 0, two = subject->soft != subject->stiff;
+  const Subject subject = subject_of(experiment, trials);
+  const bool loaded = subject->load >= 0, two = subject->soft != subject->stiff, cables = !subject->first.empty();
   std::vector<StabilityMap> maps;
-  if (loaded && !subject->first.empty()) maps.push_back(retraction_over_load(subject));
+  if (loaded && cables) maps.push_back(retraction_over_load(subject));
   if (two) maps.push_back(ratio_over_steps(subject));
   if (loaded && !two) maps.push_back(load_over_steps(subject));
-  if (std::isfinite(constant_of(experiment.materials, subject->soft, "nu")) &&
+  if (material_of(experiment.materials, subject->soft).constants.count("nu") > 0 &&
       experiment.geometry.plane == Plane::strain)
     maps.push_back(poisson_over_element(subject));
-  if (subject->contact() && loaded && !subject->first.empty()) maps.push_back(gap_over_size(subject));
+  if (subject->contact() && loaded && cables) maps.push_back(gap_over_size(subject));
   if (loaded) maps.push_back(start_over_steps(subject));
   return maps;
 }
@@ -873,25 +761,24 @@ std::vector<StabilityMap> stability_maps(const Simulation& simulation) {
   std::vector<StabilityMap> maps;
   if (subject->soft != subject->stiff) {
     const std::vector<double> ratios{1, 1e1, 1e2, 1e4, 1e6};
-    maps.push_back(time_map(subject, [=](Simulation& altered, size_t y) {
-      const double soft = constant_of(altered.materials, subject->soft, "E");
-      set_constant(altered.materials, subject->stiff, "E", ratios[y] * soft);
-    }));
-    maps.back().id = "step_stiffness";
-    maps.back().title = "Time steps beside a stiff part";
-    maps.back().y_label = fmt::format("E of {} / E of {}", subject->stiff, subject->soft);
-    for (double ratio : ratios) maps.back().y.push_back(fmt::format("1e{:.0f}", std::log10(ratio)));
+    const StabilityMap map{"step_stiffness",     "Time steps beside a stiff part", "", "", subject->ratio_label(), {},
+                           powers_of_ten(ratios)};
+    maps.push_back(time_map(subject, map,
+                            [=](Simulation& altered, size_t y) { subject->set_ratio(altered.materials, ratios[y]); }));
   }
-  Simulation probe = simulation;
-  if (density_of(probe, subject->flying) != nullptr) {
+  if (material_of(simulation.materials, subject->flying).density) {
     const std::vector<double> factors{0.01, 0.1, 1, 10, 100};
-    maps.push_back(
-        time_map(subject, [=](Simulation& altered, size_t y) { *density_of(altered, subject->flying) *= factors[y]; }));
-    maps.back().id = "step_mass";
+    const StabilityMap map{"step_mass",
+                           "Time steps when a light or a heavy body strikes",
+                           "",
+                           "",
+                           fmt::format("density of {} / its own", subject->flying),
+                           {},
+                           numbers(factors)};
+    maps.push_back(time_map(subject, map, [=](Simulation& altered, size_t y) {
+      *material_of(altered.materials, subject->flying).density *= factors[y];
+    }));
     maps.back().methods.pop_back();  // explicit ones are of no use here either
-    maps.back().title = "Time steps when a light or a heavy body strikes";
-    maps.back().y_label = fmt::format("density of {} / its own", subject->flying);
-    maps.back().y = numbers(factors);
   }
   return maps;
 }

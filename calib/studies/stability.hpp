@@ -41,10 +41,10 @@ struct StabilityMap {
   std::string setting;            ///< which mesh, what is held: for the subtitle
   std::string x_label, y_label;   ///< with units
   std::vector<std::string> x, y;  ///< values along the axes, as text
-  std::vector<std::string> methods;
+  std::vector<std::string> methods = {};
   std::string elsewhere = "slipped: another answer";  ///< what Outcome::elsewhere is in this map, for people
   bool shows_error = false;                           ///< the error belongs into the cells too
-  std::function<StabilityRun(size_t method, size_t x, size_t y)> run;
+  std::function<StabilityRun(size_t method, size_t x, size_t y)> run = {};
 
   size_t cells() const { return methods.size() * x.size() * y.size(); }
   size_t cell(size_t method, size_t i, size_t j) const { return (method * y.size() + j) * x.size() + i; }

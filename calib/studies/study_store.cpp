@@ -4,8 +4,11 @@
 
 #include <algorithm>
 #include <chrono>
+#include <condition_variable>
 #include <filesystem>
 #include <limits>
+#include <mutex>
+#include <stop_token>
 #include <string_view>
 
 #include "calib/data/files.hpp"
@@ -94,25 +97,17 @@ void StudyStore::add(const Cells& key, const Cells& result) {
 }
 
 Deadline::Deadline(double seconds, const std::atomic<bool>* stop)
-    : seconds_(seconds), thread_([this, stop] {
+    : seconds_(seconds), thread_([this, stop](const std::stop_token& over) {
         const Stopwatch watch;
-        std::unique_lock lock(mutex_);
-        while (!done_) {
+        std::mutex mutex;
+        std::condition_variable_any wake;
+        std::unique_lock lock(mutex);
+        while (!over.stop_requested() && !raised_) {
           late_ = watch.seconds() > seconds_;
-          if (late_ || (stop != nullptr && stop->load())) raised_ = true;
-          if (raised_) return;
-          wake_.wait_for(lock, std::chrono::milliseconds(50));
+          raised_ = late_ || (stop != nullptr && stop->load());
+          wake.wait_for(lock, over, std::chrono::milliseconds(50), [] { return false; });
         }
       }) {}
-
-Deadline::~Deadline() {
-  {
-    const std::lock_guard lock(mutex_);
-    done_ = true;
-  }
-  wake_.notify_all();
-  thread_.join();
-}
 
 void run_study(const Study& study, const StudyOptions& options) {
   StudyStore store(options.file, study.columns, study.keys, options.fingerprint);

@@ -1,9 +1,7 @@
 #pragma once
 #include <atomic>
-#include <condition_variable>
 #include <functional>
 #include <map>
-#include <mutex>
 #include <optional>
 #include <string>
 #include <thread>
@@ -42,9 +40,6 @@ class StudyStore {
 class Deadline {
  public:
   Deadline(double seconds, const std::atomic<bool>* stop);
-  ~Deadline();
-  Deadline(const Deadline&) = delete;
-  Deadline& operator=(const Deadline&) = delete;
 
   const std::atomic<bool>& flag() const { return raised_; }
   bool late() const { return late_; }  ///< raised because the seconds are over
@@ -53,10 +48,7 @@ class Deadline {
  private:
   double seconds_;
   std::atomic<bool> raised_{false}, late_{false};
-  bool done_ = false;
-  std::mutex mutex_;
-  std::condition_variable wake_;
-  std::thread thread_;
+  std::jthread thread_;  ///< the last one: it works on the others
 };
 
 struct StudySetting {

@@ -116,10 +116,9 @@ class Assembler {
     const auto& materials = setup_.materials;
     if (options_.rigid_segments && std::none_of(materials.begin(), materials.end(),
                                                 [&](const MaterialSettings& material) { return rigid(material); })) {
-      throw InputError(
-          fmt::format("{}: model: no region is more than 100 times as stiff as the softest one, so that none "
-                      "can be rigid; use \"full\"",
-                      setup_.path));
+      throw FileError(setup_.path,
+                      "model: no region is more than 100 times as stiff as the softest one, so that none can be rigid; "
+                      "use \"full\"");
     }
     for (const MaterialSettings& material : materials) {
       at(setup_, fmt::format("[materials.{}]", material.region), [&] {

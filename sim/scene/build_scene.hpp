@@ -4,6 +4,7 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "sim/core/error.hpp"
@@ -41,6 +42,13 @@ struct SceneOptions {
 /// cables through no body, bodies that overlap at rest, supports that leave rigid motions free.
 BuiltScene build_scene(const Setup& setup, const SceneOptions& options);
 
+/// Wrong input in a file, whose path stands before the reason.
+class FileError : public InputError {
+ public:
+  FileError(const std::string& path, std::string why) : InputError(path + ": " + why), reason(std::move(why)) {}
+  std::string reason;
+};
+
 /// Runs `action` and puts the file (and the part of it) in front of what goes wrong.
 template <class Action>
 auto at(const Setup& setup, const std::string& part, Action&& action) {
@@ -48,7 +56,7 @@ auto at(const Setup& setup, const std::string& part, Action&& action) {
     return action();
   } catch (const InputError& error) {
     if (std::string_view(error.what()).starts_with(setup.path + ":")) throw;  // it says where, to the line
-    throw InputError(fmt::format("{}: {}: {}", setup.path, part, error.what()));
+    throw FileError(setup.path, part + ": " + error.what());
   }
 }
 
