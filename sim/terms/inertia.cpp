@@ -191,7 +191,7 @@ class PointMass final : public Term {
     Eigen::MatrixXd K = Eigen::MatrixXd::Zero(n * d, n * d);
     for (int a = 0; a < n; ++a) {
       for (int b = 0; b < n; ++b) {
-        for (int i = 0; i < d; ++i) K(a * d + i, b * d + i) = factor * share_[a] * share_[b];
+        for (int i = 0; i < d; ++i) K(b * d + i, a * d + i) = factor * share_[a] * share_[b];
       }
     }
     nodes_.add_hessian(K, out);
