@@ -36,7 +36,7 @@ class PatchRotation {
     const Eigen::VectorXd share = mean_weights(mesh, patch, Eigen::VectorXd::Unit(dimension_, 0));
     Eigen::Vector3d centre = Eigen::Vector3d::Zero();
     for (int node : nodes_) {
-      shares_.push_back(share[static_cast<Eigen::Index>(node) * dimension_]);
+      shares_.push_back(share[node * dimension_]);
       centre += shares_.back() * lift(mesh.node(node));
     }
     Eigen::Matrix3d moment = Eigen::Matrix3d::Zero();
@@ -68,7 +68,7 @@ class PatchRotation {
     // x R^T du_i
     for (size_t i = 0; i < nodes_.size(); ++i) {
       const Eigen::Vector3d g = shares_[i] * (R * lever.cross(arms_[i]));
-      gradient.segment(static_cast<Eigen::Index>(nodes_[i]) * dimension_, dimension_) += g.head(dimension_);
+      gradient.segment(nodes_[i] * dimension_, dimension_) += g.head(dimension_);
     }
   }
 
@@ -76,8 +76,7 @@ class PatchRotation {
   Eigen::Matrix3d shape(const Eigen::VectorXd& u) const {
     Eigen::Matrix3d A = moment_;
     for (size_t i = 0; i < nodes_.size(); ++i) {
-      A += shares_[i] * lift(u.segment(static_cast<Eigen::Index>(nodes_[i]) * dimension_, dimension_)) *
-           arms_[i].transpose();
+      A += shares_[i] * lift(u.segment(nodes_[i] * dimension_, dimension_)) * arms_[i].transpose();
     }
     return A;
   }

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <stdexcept>
 
+#include "sim/core/sorted.hpp"
+
 namespace taut {
 
 Model::Model(Mesh mesh, ParameterTable parameters, std::vector<std::unique_ptr<Term>> terms,
@@ -13,15 +15,15 @@ Model::Model(Mesh mesh, ParameterTable parameters, std::vector<std::unique_ptr<T
       supports_(std::move(supports)),
       bodies_(std::move(bodies)) {
   length_scale_ = mesh_.diagonal();
-  std::vector<bool> fixed(static_cast<size_t>(unknowns()), false);
+  std::vector<bool> fixed(unknowns(), false);
   for (const Support& support : supports_) {
-    if (fixed[static_cast<size_t>(support.dof)]) throw std::logic_error("a displacement component is prescribed twice");
-    fixed[static_cast<size_t>(support.dof)] = true;
+    if (fixed[support.dof]) throw std::logic_error("a displacement component is prescribed twice");
+    fixed[support.dof] = true;
   }
-  free_index_.assign(static_cast<size_t>(unknowns()), -1);
+  free_index_.assign(unknowns(), -1);
   for (int i = 0; i < unknowns(); ++i) {
-    if (fixed[static_cast<size_t>(i)]) continue;
-    free_index_[static_cast<size_t>(i)] = static_cast<int>(free_.size());
+    if (fixed[i]) continue;
+    free_index_[i] = static_cast<int>(free_.size());
     free_.push_back(i);
   }
   build_pattern();
@@ -33,23 +35,20 @@ void Model::build_pattern() {
   for (const auto& term : terms_) cliques.push_back(term->cliques());
 
   // Nodes per node, neighbours with a higher number only: columns of the lower triangle.
-  std::vector<std::vector<int>> neighbours(static_cast<size_t>(nodes));
+  std::vector<std::vector<int>> neighbours(nodes);
   for (const Cliques& list : cliques) {
     for (int c = 0; c < list.count(); ++c) {
       const int* node = list.begin(c);
       for (int a = 0; a < list.size(c); ++a) {
         for (int b = 0; b < list.size(c); ++b) {
-          if (node[b] > node[a]) neighbours[static_cast<size_t>(node[a])].push_back(node[b]);
+          if (node[b] > node[a]) neighbours[node[a]].push_back(node[b]);
         }
       }
     }
   }
-  for (auto& list : neighbours) {
-    std::sort(list.begin(), list.end());
-    list.erase(std::unique(list.begin(), list.end()), list.end());
-  }
+  for (auto& list : neighbours) sort_unique(list);
 
-  auto free_of = [&](int node, int i) { return free_index_[static_cast<size_t>(node) * d + i]; };
+  auto free_of = [&](int node, int i) { return free_index_[node * d + i]; };
   pattern_.size = static_cast<int>(free_.size());
   pattern_.columns.assign(1, 0);
   for (int node = 0; node < nodes; ++node) {
@@ -58,7 +57,7 @@ void Model::build_pattern() {
       for (int k = i; k < d; ++k) {
         if (free_of(node, k) >= 0) pattern_.rows.push_back(free_of(node, k));
       }
-      for (int other : neighbours[static_cast<size_t>(node)]) {
+      for (int other : neighbours[node]) {
         for (int k = 0; k < d; ++k) {
           if (free_of(other, k) >= 0) pattern_.rows.push_back(free_of(other, k));
         }
@@ -70,10 +69,7 @@ void Model::build_pattern() {
   const int nowhere = pattern_.entries();  // the extra slot for entries of fixed unknowns
   auto slot_of = [&](int one, int two) {
     if (one < 0 || two < 0) return nowhere;
-    const int column = std::min(one, two), row = std::max(one, two);
-    const auto begin = pattern_.rows.begin() + pattern_.columns[static_cast<size_t>(column)];
-    const auto end = pattern_.rows.begin() + pattern_.columns[static_cast<size_t>(column) + 1];
-    return static_cast<int>(std::lower_bound(begin, end, row) - pattern_.rows.begin());
+    return pattern_.slot(std::max(one, two), std::min(one, two));
   };
   for (const Cliques& list : cliques) {
     Slots& slots = slots_.emplace_back();
@@ -153,14 +149,14 @@ Eigen::VectorXd Model::support_derivative(int index) const {
 }
 
 Eigen::VectorXd Model::restrict_to_free(const Eigen::VectorXd& all) const {
-  Eigen::VectorXd free(static_cast<Eigen::Index>(free_.size()));
-  for (size_t i = 0; i < free_.size(); ++i) free[static_cast<Eigen::Index>(i)] = all[free_[i]];
+  Eigen::VectorXd free(free_.size());
+  for (size_t i = 0; i < free_.size(); ++i) free[i] = all[free_[i]];
   return free;
 }
 
 Eigen::VectorXd Model::extend_from_free(const Eigen::VectorXd& free) const {
   Eigen::VectorXd all = Eigen::VectorXd::Zero(unknowns());
-  for (size_t i = 0; i < free_.size(); ++i) all[free_[i]] = free[static_cast<Eigen::Index>(i)];
+  for (size_t i = 0; i < free_.size(); ++i) all[free_[i]] = free[i];
   return all;
 }
 

@@ -1,4 +1,5 @@
 #pragma once
+#include <algorithm>
 #include <memory>
 #include <vector>
 
@@ -29,6 +30,28 @@ struct SparsePattern {
   std::vector<int> columns;  ///< size + 1 offsets
   std::vector<int> rows;
   int entries() const { return columns.empty() ? 0 : columns.back(); }
+  /// Where an entry is stored; -1: nowhere.
+  int slot(int row, int column) const {
+    const auto begin = rows.begin() + columns[column], end = rows.begin() + columns[column + 1];
+    const auto found = std::lower_bound(begin, end, row);
+    return found != end && *found == row ? static_cast<int>(found - rows.begin()) : -1;
+  }
+  /// action(slot, row, column) for all entries in their order.
+  template <class Action>
+  void each(Action&& action) const {
+    for (int column = 0; column < size; ++column) {
+      for (int k = columns[column]; k < columns[column + 1]; ++k) action(k, rows[k], column);
+    }
+  }
+  /// The symmetric matrix with these values times x.
+  Eigen::VectorXd times(const std::vector<double>& values, const Eigen::VectorXd& x) const {
+    Eigen::VectorXd y = Eigen::VectorXd::Zero(x.size());
+    each([&](int k, int row, int column) {
+      y[row] += values[k] * x[column];
+      if (row != column) y[column] += values[k] * x[row];
+    });
+    return y;
+  }
 };
 
 /// Pi(u; p) = sum of terms, on a mesh, with supports. Complete and immutable from its construction on, so any number of
@@ -46,7 +69,7 @@ class Model {
   double length_scale() const { return length_scale_; }  ///< diagonal of the bounding box [m]
   const std::vector<Body>& bodies() const { return bodies_; }
   /// Index of an unknown among the free ones, -1 when it is supported.
-  int free_index(int unknown) const { return free_index_[static_cast<size_t>(unknown)]; }
+  int free_index(int unknown) const { return free_index_[unknown]; }
 
   /// Energy, and the derivatives that `out` asks for (cleared first).
   void evaluate(const Point& at, Assembly& out) const { evaluate(at, out, false); }

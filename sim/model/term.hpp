@@ -14,8 +14,8 @@ struct Cliques {
   std::vector<int> offsets{0};
   std::vector<int> nodes;
   int count() const { return static_cast<int>(offsets.size()) - 1; }
-  int size(int clique) const { return offsets[static_cast<size_t>(clique) + 1] - offsets[static_cast<size_t>(clique)]; }
-  const int* begin(int clique) const { return nodes.data() + offsets[static_cast<size_t>(clique)]; }
+  int size(int clique) const { return offsets[clique + 1] - offsets[clique]; }
+  const int* begin(int clique) const { return nodes.data() + offsets[clique]; }
   template <class Range>
   void add(const Range& range) {
     nodes.insert(nodes.end(), std::begin(range), std::end(range));
@@ -81,8 +81,7 @@ class Assembly {
   /// Adds an element's gradient; `g` holds `dimension` entries per node.
   void add_gradient(const int* nodes, int count, int dimension, const double* g) {
     for (int a = 0; a < count; ++a) {
-      for (int i = 0; i < dimension; ++i)
-        (*gradient)[static_cast<Eigen::Index>(nodes[a]) * dimension + i] += g[a * dimension + i];
+      for (int i = 0; i < dimension; ++i) (*gradient)[nodes[a] * dimension + i] += g[a * dimension + i];
     }
   }
 
@@ -125,9 +124,8 @@ class Assembly {
     const int n = count * dimension;
     for (int r = 0; r < n; ++r) {
       double sum = 0;
-      for (int c = 0; c < n; ++c)
-        sum += K[r * n + c] * (*direction)[static_cast<Eigen::Index>(nodes[c / dimension]) * dimension + c % dimension];
-      (*product)[static_cast<Eigen::Index>(nodes[r / dimension]) * dimension + r % dimension] += sum;
+      for (int c = 0; c < n; ++c) sum += K[r * n + c] * (*direction)[nodes[c / dimension] * dimension + c % dimension];
+      (*product)[nodes[r / dimension] * dimension + r % dimension] += sum;
     }
   }
 

@@ -6,6 +6,8 @@
 #include <cmath>
 
 #include "sim/core/error.hpp"
+#include "sim/core/sorted.hpp"
+#include "sim/model/node_set.hpp"
 
 namespace taut {
 namespace {
@@ -38,21 +40,21 @@ void check(const Mesh& mesh, const Cable& cable) {
 /// displacements.
 class Path {
  public:
-  Path(const Mesh& mesh, const std::vector<CablePoint>& points) : dimension_(mesh.dimension()) {
+  Path(const Mesh& mesh, const std::vector<CablePoint>& points) : on_{{}, mesh.dimension()} {
+    std::vector<int>& nodes = on_.nodes;
     for (const CablePoint& point : points)
-      nodes_.insert(nodes_.end(), point.material.nodes.begin(), point.material.nodes.end());
-    std::sort(nodes_.begin(), nodes_.end());
-    nodes_.erase(std::unique(nodes_.begin(), nodes_.end()), nodes_.end());
+      nodes.insert(nodes.end(), point.material.nodes.begin(), point.material.nodes.end());
+    sort_unique(nodes);
 
-    Eigen::MatrixXd place(dimension_, static_cast<Eigen::Index>(points.size()));
-    Eigen::MatrixXd weight = Eigen::MatrixXd::Zero(count(), place.cols());
+    Eigen::MatrixXd place(on_.dimension, points.size());
+    Eigen::MatrixXd weight = Eigen::MatrixXd::Zero(on_.count(), place.cols());
     for (Eigen::Index i = 0; i < place.cols(); ++i) {
-      const CablePoint& point = points[static_cast<size_t>(i)];
-      place.col(i) = point.material.nodes.empty() ? point.fixed : Eigen::VectorXd::Zero(dimension_).eval();
+      const CablePoint& point = points[i];
+      place.col(i) = point.material.nodes.empty() ? point.fixed : Eigen::VectorXd::Zero(on_.dimension).eval();
       for (size_t a = 0; a < point.material.nodes.size(); ++a) {
         const int node = point.material.nodes[a];
         place.col(i) += point.material.weights[a] * mesh.node(node);
-        weight(std::lower_bound(nodes_.begin(), nodes_.end(), node) - nodes_.begin(), i) += point.material.weights[a];
+        weight(std::lower_bound(nodes.begin(), nodes.end(), node) - nodes.begin(), i) += point.material.weights[a];
       }
     }
     const Eigen::Index segments = place.cols() - 1;
@@ -64,8 +66,7 @@ class Path {
     for (Eigen::Index s = 0; s < segments; ++s) rest_length_ += regular_length(rest_.col(s));
   }
 
-  const std::vector<int>& nodes() const { return nodes_; }
-  Eigen::Index size() const { return count() * dimension_; }
+  const NodeSet& on() const { return on_; }
   double rest_length() const { return rest_length_; }
 
   /// L(x) - L0 from the displacements, |d| - |D| = (2 D + d - D) . (d - D) / (|d| + |D|): rounding is relative to the
@@ -83,7 +84,7 @@ class Path {
   /// dL/du of the nodes' displacements, node by node.
   Eigen::VectorXd gradient(const Eigen::VectorXd& u) const {
     const Eigen::MatrixXd difference = rest_ + changes(u);
-    Eigen::MatrixXd g = Eigen::MatrixXd::Zero(dimension_, count());
+    Eigen::MatrixXd g = Eigen::MatrixXd::Zero(on_.dimension, on_.count());
     for (Eigen::Index s = 0; s < rest_.cols(); ++s)
       g += difference.col(s) / regular_length(difference.col(s)) * weights_.col(s).transpose();
     return g.reshaped();
@@ -92,35 +93,27 @@ class Path {
   /// Adds `factor` d2L/du2: each segment has (I - t t^T)/length in the difference of its ends.
   void add_hessian(const Eigen::VectorXd& u, double factor, Eigen::MatrixXd& H) const {
     const Eigen::MatrixXd difference = rest_ + changes(u);
+    const int d = on_.dimension;
     for (Eigen::Index s = 0; s < rest_.cols(); ++s) {
       const double length = regular_length(difference.col(s));
       const Eigen::VectorXd t = difference.col(s) / length;
-      const Eigen::MatrixXd across =
-          (factor / length) * (Eigen::MatrixXd::Identity(dimension_, dimension_) - t * t.transpose());
-      for (Eigen::Index a = 0; a < count(); ++a) {
-        for (Eigen::Index b = 0; b < count(); ++b) {
+      const Eigen::MatrixXd across = (factor / length) * (Eigen::MatrixXd::Identity(d, d) - t * t.transpose());
+      for (Eigen::Index a = 0; a < on_.count(); ++a) {
+        for (Eigen::Index b = 0; b < on_.count(); ++b) {
           const double w = weights_(a, s) * weights_(b, s);
-          if (w != 0) H.block(a * dimension_, b * dimension_, dimension_, dimension_) += w * across;
+          if (w != 0) H.block(a * d, b * d, d, d) += w * across;
         }
       }
     }
   }
 
  private:
-  Eigen::Index count() const { return static_cast<Eigen::Index>(nodes_.size()); }
-
   double regular_length(const Eigen::VectorXd& d) const { return std::sqrt(d.squaredNorm() + regular_ * regular_); }
 
   /// How the segments' vectors have changed from rest.
-  Eigen::MatrixXd changes(const Eigen::VectorXd& u) const {
-    Eigen::MatrixXd local(dimension_, count());
-    for (Eigen::Index a = 0; a < count(); ++a)
-      local.col(a) = u.segment(static_cast<Eigen::Index>(nodes_[static_cast<size_t>(a)]) * dimension_, dimension_);
-    return local * weights_;
-  }
+  Eigen::MatrixXd changes(const Eigen::VectorXd& u) const { return on_.gather(u) * weights_; }
 
-  int dimension_;
-  std::vector<int> nodes_;   ///< all different
+  NodeSet on_;
   Eigen::MatrixXd rest_;     ///< (dimension x segments): vector from each point to the next, at rest [m]
   Eigen::MatrixXd weights_;  ///< (nodes x segments): derivative of that vector with respect to a node
   double regular_ = 0, rest_length_ = 0;
@@ -175,41 +168,23 @@ TautPath checked_path(const Mesh& mesh, const Cable& cable) {
   return {mesh, cable};
 }
 
-/// `local`, node by node of the path, added to a vector of all unknowns.
-void scatter(const Path& path, int dimension, const Eigen::VectorXd& local, Eigen::VectorXd& all) {
-  for (size_t a = 0; a < path.nodes().size(); ++a) {
-    all.segment(static_cast<Eigen::Index>(path.nodes()[a]) * dimension, dimension) +=
-        local.segment(static_cast<Eigen::Index>(a) * dimension, dimension);
-  }
-}
-
 class CableTerm final : public Term {
  public:
-  CableTerm(const Mesh& mesh, const Cable& cable)
-      : dimension_(mesh.dimension()), share_(cable.share), path_(checked_path(mesh, cable)) {}
+  CableTerm(const Mesh& mesh, const Cable& cable) : share_(cable.share), path_(checked_path(mesh, cable)) {}
 
-  Cliques cliques() const override {
-    Cliques list;
-    list.add(path_.nodes());
-    return list;
-  }
+  Cliques cliques() const override { return path_.on().cliques(); }
 
   void assemble(const Point& at, Assembly& out) const override {
     const double k = share_ * path_.stiffness(at.p);
     const TautPath::Spring unit = path_.spring(at);
     out.add_energy(k * unit.energy);
     if (unit.tension == 0) return;
-    const int* nodes = path_.nodes().data();
-    const int count = static_cast<int>(path_.nodes().size());
     const Eigen::VectorXd gradient = path_.gradient(at.u);
-    if (out.gradient != nullptr) {
-      const Eigen::VectorXd force = k * unit.tension * gradient;
-      out.add_gradient(nodes, count, dimension_, force.data());
-    }
+    if (out.gradient != nullptr) path_.on().scatter(k * unit.tension * gradient, *out.gradient);
     if (out.wants_hessian()) {
       Eigen::MatrixXd H = k * unit.rate * (gradient * gradient.transpose());
       path_.add_hessian(at.u, k * unit.tension, H);
-      out.add_hessian(0, nodes, count, dimension_, H.data());
+      path_.on().add_hessian(H, out);
     }
   }
 
@@ -217,46 +192,37 @@ class CableTerm final : public Term {
 
   void add_parameter_gradient(const Point& at, int index, Eigen::VectorXd& out) const override {
     if (!depends_on(index)) return;
-    scatter(path_, dimension_, share_ * path_.tension_derivative(at, index) * path_.gradient(at.u), out);
+    path_.on().scatter(share_ * path_.tension_derivative(at, index) * path_.gradient(at.u), out);
   }
 
  private:
-  int dimension_;
   double share_;
   TautPath path_;
 };
 
 class LengthChannel final : public Channel {
  public:
-  LengthChannel(const Mesh& mesh, const Cable& cable)
-      : dimension_(mesh.dimension()), path_(checked_path(mesh, cable)) {}
+  LengthChannel(const Mesh& mesh, const Cable& cable) : path_(checked_path(mesh, cable)) {}
   double value(const Point& at) const override { return path_.rest_length() + path_.elongation(at.u); }
   Eigen::VectorXd gradient(const Point& at) const override {
-    Eigen::VectorXd gradient = Eigen::VectorXd::Zero(at.u.size());
-    scatter(path_, dimension_, path_.gradient(at.u), gradient);
-    return gradient;
+    return path_.on().spread(path_.gradient(at.u), at.u.size());
   }
 
  private:
-  int dimension_;
   TautPath path_;
 };
 
 class TensionChannel final : public Channel {
  public:
-  TensionChannel(const Mesh& mesh, const Cable& cable)
-      : dimension_(mesh.dimension()), path_(checked_path(mesh, cable)) {}
+  TensionChannel(const Mesh& mesh, const Cable& cable) : path_(checked_path(mesh, cable)) {}
   double value(const Point& at) const override { return path_.stiffness(at.p) * path_.spring(at).tension; }
   Eigen::VectorXd gradient(const Point& at) const override {
-    Eigen::VectorXd gradient = Eigen::VectorXd::Zero(at.u.size());
     const double rate = path_.stiffness(at.p) * path_.spring(at).rate;
-    if (rate != 0) scatter(path_, dimension_, rate * path_.gradient(at.u), gradient);
-    return gradient;
+    return path_.on().spread(rate * path_.gradient(at.u), at.u.size());
   }
   double parameter_derivative(const Point& at, int index) const override { return path_.tension_derivative(at, index); }
 
  private:
-  int dimension_;
   TautPath path_;
 };
 

@@ -7,6 +7,7 @@
 
 #include "sim/core/error.hpp"
 #include "sim/mesh/weights.hpp"
+#include "sim/model/node_set.hpp"
 
 namespace taut {
 namespace {
@@ -15,7 +16,9 @@ namespace {
 class ElasticBase final : public Term {
  public:
   ElasticBase(const Mesh& mesh, const Tag& tag, int rotation_stiffness, double translation_stiffness)
-      : nodes_(tag.nodes()), stiffness_(rotation_stiffness), translation_stiffness_(translation_stiffness) {
+      : nodes_{tag.nodes(), mesh.dimension()},
+        stiffness_(rotation_stiffness),
+        translation_stiffness_(translation_stiffness) {
     if (mesh.dimension() != 2)
       throw InputError("an elastic clamp was asked for in a 3D model; it exists in 2D only, so use fixed components");
     if (!(translation_stiffness > 0) || !std::isfinite(translation_stiffness)) {
@@ -25,32 +28,24 @@ class ElasticBase final : public Term {
                       translation_stiffness));
     }
     const Eigen::VectorXd share = mean_weights(mesh, tag, Eigen::Vector2d(1, 0));
-    weights_.resize(count());
-    Eigen::Matrix2Xd arms(2, count());
-    for (Eigen::Index a = 0; a < count(); ++a) {
-      weights_[a] = share[2 * static_cast<Eigen::Index>(node(a))];
-      arms.col(a) = mesh.node(node(a));
-    }
+    weights_ = nodes_.gather(share).row(0);
+    Eigen::Matrix2Xd arms = nodes_.gather(mesh.X);
     const Eigen::Vector2d centre = arms * weights_;
     arms.colwise() -= centre;
     moment_ = arms.colwise().squaredNorm() * weights_;
     if (!(moment_ > 1e-12 * mesh.diagonal() * mesh.diagonal())) {
       throw InputError("an elastic clamp needs an edge with a rotation, not a single point; name a face as its place");
     }
-    sine_.resize(2, count());
+    sine_.resize(2, nodes_.count());
     cosine_ = arms * weights_.asDiagonal();
     sine_.row(0) = -cosine_.row(1);
     sine_.row(1) = cosine_.row(0);
   }
 
-  Cliques cliques() const override {
-    Cliques list;
-    list.add(nodes_);
-    return list;
-  }
+  Cliques cliques() const override { return nodes_.cliques(); }
 
   void assemble(const Point& at, Assembly& out) const override {
-    const Eigen::Matrix2Xd u = gather(at.u);
+    const Eigen::Matrix2Xd u = nodes_.gather(at.u);
     const Eigen::Vector2d mean = u * weights_;
     const Rotation rotation = rotation_at(u);
     const double c = at.p[stiffness_];
@@ -58,11 +53,10 @@ class ElasticBase final : public Term {
     out.add_energy(rotation.defined() ? 0.5 * c * rotation.angle * rotation.angle
                                       : std::numeric_limits<double>::infinity());
     if (!rotation.defined()) return;
-    const int size = static_cast<int>(count());
     if (out.gradient != nullptr) {
       const Eigen::Matrix2Xd g =
           translation_stiffness_ * mean * weights_.transpose() + c * rotation.angle * gradient_of(rotation);
-      out.add_gradient(nodes_.data(), size, 2, g.data());
+      nodes_.scatter(g.reshaped(), *out.gradient);
     }
     if (out.wants_hessian()) {
       const Eigen::VectorXd slope = gradient_of(rotation).reshaped(), s = sine_.reshaped(), k = cosine_.reshaped();
@@ -74,14 +68,14 @@ class ElasticBase final : public Term {
         H += (2 * C * S * factor) * (k * k.transpose() - s * s.transpose()) -
              ((C * C - S * S) * factor) * (k * s.transpose() + s * k.transpose());
       }
-      for (Eigen::Index a = 0; a < count(); ++a) {
-        for (Eigen::Index b = 0; b < count(); ++b) {
+      for (int a = 0; a < nodes_.count(); ++a) {
+        for (int b = 0; b < nodes_.count(); ++b) {
           const double entry = translation_stiffness_ * (weights_[a] * weights_[b]);
           H(2 * a, 2 * b) += entry;
           H(2 * a + 1, 2 * b + 1) += entry;
         }
       }
-      out.add_hessian(0, nodes_.data(), size, 2, H.data());
+      nodes_.add_hessian(H, out);
     }
   }
 
@@ -89,9 +83,9 @@ class ElasticBase final : public Term {
 
   void add_parameter_gradient(const Point& at, int index, Eigen::VectorXd& out) const override {
     if (!depends_on(index)) return;
-    const Rotation rotation = rotation_at(gather(at.u));
+    const Rotation rotation = rotation_at(nodes_.gather(at.u));
     const Eigen::Matrix2Xd g = rotation.angle * gradient_of(rotation);
-    for (Eigen::Index a = 0; a < count(); ++a) out.segment<2>(2 * static_cast<Eigen::Index>(node(a))) += g.col(a);
+    nodes_.scatter(g.reshaped(), out);
   }
 
  private:
@@ -100,15 +94,6 @@ class ElasticBase final : public Term {
     double angle;
     bool defined() const { return sine != 0 || cosine != 0; }
   };
-
-  Eigen::Index count() const { return static_cast<Eigen::Index>(nodes_.size()); }
-  int node(Eigen::Index a) const { return nodes_[static_cast<size_t>(a)]; }
-
-  Eigen::Matrix2Xd gather(const Eigen::VectorXd& u) const {
-    Eigen::Matrix2Xd local(2, count());
-    for (Eigen::Index a = 0; a < count(); ++a) local.col(a) = u.segment<2>(2 * static_cast<Eigen::Index>(node(a)));
-    return local;
-  }
 
   Rotation rotation_at(const Eigen::Matrix2Xd& u) const {
     const double S = sine_.cwiseProduct(u).sum(), C = moment_ + cosine_.cwiseProduct(u).sum();
@@ -120,7 +105,7 @@ class ElasticBase final : public Term {
     return (r.cosine * sine_ - r.sine * cosine_) / (r.cosine * r.cosine + r.sine * r.sine);
   }
 
-  std::vector<int> nodes_;
+  NodeSet nodes_;
   int stiffness_;
   double translation_stiffness_;
   Eigen::VectorXd weights_;

@@ -1,21 +1,21 @@
 #include "sim/terms/inertia.hpp"
 
-#include <Eigen/LU>
 #include <cmath>
 #include <limits>
 
 #include "sim/mesh/shape_functions.hpp"
 #include "sim/mesh/weights.hpp"
+#include "sim/model/node_set.hpp"
+#include "sim/terms/region_term.hpp"
 
 namespace taut {
 namespace {
 
-/// v at node i: the rate of u within the step.
-template <int D>
-Eigen::Matrix<double, D, 1> rate_at(const TimeStep& step, const Eigen::VectorXd& u, int node) {
-  const Eigen::Index i = static_cast<Eigen::Index>(node) * D;
-  Eigen::Matrix<double, D, 1> v = step.rate[0] * u.segment<D>(i) + step.rate[1] * step.previous.segment<D>(i);
-  if (step.rate[2] != 0) v += step.rate[2] * step.before.segment<D>(i);
+/// v of an element's nodes: the rate of u within the step.
+template <class Element>
+typename Element::Local rate_of(const TimeStep& step, const Element& element, const Eigen::VectorXd& u) {
+  typename Element::Local v = step.rate[0] * element.gather(u) + step.rate[1] * element.gather(step.previous);
+  if (step.rate[2] != 0) v += step.rate[2] * element.gather(step.before);
   return v;
 }
 
@@ -35,28 +35,26 @@ Eigen::Matrix<double, nodes_of(S), nodes_of(S)> unit_mass() {
     std::array<int, D + 1> power;
   };
   std::array<std::vector<Monomial>, N> shape;
+  const auto monomial = [](double coefficient, std::initializer_list<int> factors) {
+    Monomial product{coefficient, {}};
+    for (int k : factors) ++product.power[k];
+    return product;
+  };
   for (int a = 0; a <= D; ++a) {
-    std::array<int, D + 1> one{}, two{};
-    one[static_cast<size_t>(a)] = 1;
-    two[static_cast<size_t>(a)] = 2;
-    if (order_of(S) == 1)
-      shape[static_cast<size_t>(a)] = {{1.0, one}};
-    else
-      shape[static_cast<size_t>(a)] = {{2.0, two}, {-1.0, one}};
+    shape[a] = {monomial(1, {a})};
+    if (order_of(S) == 2) shape[a] = {monomial(2, {a, a}), monomial(-1, {a})};
   }
   for (int e = D + 1; e < N; ++e) {
-    const auto [i, j] = ReferenceElement<S>::edges[static_cast<size_t>(e - D - 1)];
-    std::array<int, D + 1> both{};
-    both[static_cast<size_t>(i)] = both[static_cast<size_t>(j)] = 1;
-    shape[static_cast<size_t>(e)] = {{4.0, both}};
+    const auto [i, j] = ReferenceElement<S>::edges[e - D - 1];
+    shape[e] = {monomial(4, {i, j})};
   }
   auto factorial = [](int n) { return std::tgamma(n + 1.0); };
   Eigen::Matrix<double, N, N> M;
   for (int a = 0; a < N; ++a) {
     for (int b = 0; b < N; ++b) {
       double sum = 0;
-      for (const Monomial& p : shape[static_cast<size_t>(a)]) {
-        for (const Monomial& q : shape[static_cast<size_t>(b)]) {
+      for (const Monomial& p : shape[a]) {
+        for (const Monomial& q : shape[b]) {
           double product = factorial(D);
           int total = D;
           for (size_t k = 0; k <= D; ++k) {
@@ -72,49 +70,43 @@ Eigen::Matrix<double, nodes_of(S), nodes_of(S)> unit_mass() {
   return M;
 }
 
+/// An element with its rest measure.
 template <ElementShape S>
-class Inertia final : public Term {
+struct MassiveElement : ElementNodes<S> {
+  using ElementNodes<S>::D;
+  double measure;
+  MassiveElement(const Mesh& mesh, int e) : ElementNodes<S>(mesh, e) {
+    const auto X = ReferenceElement<S>::positions(mesh, e);
+    Eigen::Matrix<double, D, D> edges;
+    for (int i = 0; i < D; ++i) edges.col(i) = X.col(i + 1) - X.col(0);
+    measure = edges.determinant() / (D == 2 ? 2.0 : 6.0);
+  }
+};
+
+template <ElementShape S>
+class Inertia final : public RegionTerm<MassiveElement<S>> {
+  using Element = MassiveElement<S>;
   static constexpr int D = dimension_of(S), N = nodes_of(S), DN = D * N;
-  using Local = Eigen::Matrix<double, D, N>;
+  using Local = typename Element::Local;
 
  public:
-  Inertia(const Mesh& mesh, const InertiaDefinition& definition) : definition_(definition), mass_(unit_mass<S>()) {
+  Inertia(const Mesh& mesh, const InertiaDefinition& definition)
+      : RegionTerm<Element>(mesh, definition.region), definition_(definition), mass_(unit_mass<S>()) {
     if (definition.form == MassForm::lumped) {
       const Eigen::Matrix<double, N, 1> diagonal = mass_.diagonal();
       mass_ = (diagonal / diagonal.sum()).asDiagonal();
     }
-    for (int e = 0; e < mesh.element_count(); ++e) {
-      if (mesh.region[static_cast<size_t>(e)] != definition.region) continue;
-      Element element;
-      std::copy_n(mesh.element(e), N, element.nodes.begin());
-      Eigen::Matrix<double, D, D> edges;
-      for (int i = 0; i < D; ++i)
-        edges.col(i) =
-            mesh.X.template segment<D>(mesh.element(e)[i + 1] * D) - mesh.X.template segment<D>(mesh.element(e)[0] * D);
-      element.measure = edges.determinant() / (D == 2 ? 2.0 : 6.0);
-      elements_.push_back(element);
-    }
-  }
-
-  Cliques cliques() const override {
-    Cliques list;
-    for (const Element& element : elements_) list.add(element.nodes);
-    return list;
   }
 
   void assemble(const Point& at, Assembly& out) const override {
     if (at.step == nullptr) return;
     const TimeStep& step = *at.step;
-    const double rho = density(at.p), alpha = definition_.damping < 0 ? 0.0 : at.p[definition_.damping];
+    const double rho = density(at.p), alpha = damping(at.p);
     for (size_t e = 0; e < elements_.size(); ++e) {
       const Element& element = elements_[e];
       const double m = rho * element.measure;
-      Local away, v = Local::Zero();  // from the reference, and velocity
-      for (int a = 0; a < N; ++a) {
-        const Eigen::Index i = static_cast<Eigen::Index>(element.nodes[static_cast<size_t>(a)]) * D;
-        away.col(a) = at.u.segment<D>(i) - step.reference.segment<D>(i);
-        if (alpha != 0) v.col(a) = rate_at<D>(step, at.u, element.nodes[static_cast<size_t>(a)]);
-      }
+      const Local away = element.gather(at.u) - element.gather(step.reference);
+      const Local v = alpha != 0 ? rate_of(step, element, at.u) : Local::Zero();
       const Local force = m * step.inertia * away * mass_, drag = m * alpha * v * mass_;
       out.add_energy(0.5 * force.cwiseProduct(away).sum());
       if (alpha != 0) out.add_energy(0.5 / step.rate[0] * drag.cwiseProduct(v).sum());
@@ -143,69 +135,49 @@ class Inertia final : public Term {
   void add_parameter_gradient(const Point& at, int index, Eigen::VectorXd& out) const override {
     if (at.step == nullptr) return;
     const TimeStep& step = *at.step;
-    const bool damping = index == definition_.damping;
-    const double rho = density(at.p), alpha = definition_.damping < 0 ? 0.0 : at.p[definition_.damping];
+    const bool of_damping = index == definition_.damping;
+    const double rho = density(at.p), alpha = damping(at.p);
     for (const Element& element : elements_) {
-      Local source;
-      for (int a = 0; a < N; ++a) {
-        const int node = element.nodes[static_cast<size_t>(a)];
-        const Eigen::Index i = static_cast<Eigen::Index>(node) * D;
-        const Eigen::Matrix<double, D, 1> v = rate_at<D>(step, at.u, node);
-        source.col(a) = damping ? v : step.inertia * (at.u.segment<D>(i) - step.reference.segment<D>(i)) + alpha * v;
+      Local source = rate_of(step, element, at.u);
+      if (!of_damping) {
+        const Local away = element.gather(at.u) - element.gather(step.reference);
+        source = (step.inertia * away + alpha * source).eval();
       }
-      scatter(element, (damping ? rho : rho / at.p[index]) * element.measure * source * mass_, out);
+      element.scatter((of_damping ? rho : rho / at.p[index]) * element.measure * source * mass_, out);
     }
   }
 
   void add_history_product(const Point& at, History q, const Eigen::VectorXd& x, bool,
                            Eigen::VectorXd& out) const override {
     if (at.step == nullptr) return;
-    const double alpha = definition_.damping < 0 ? 0.0 : at.p[definition_.damping];
+    const double alpha = damping(at.p);
     const double factor = q == History::reference ? -at.step->inertia : alpha * rate_of(*at.step, q);
     if (factor == 0) return;
-    for (const Element& element : elements_) {
-      Local values;
-      for (int a = 0; a < N; ++a)
-        values.col(a) = x.segment<D>(static_cast<Eigen::Index>(element.nodes[static_cast<size_t>(a)]) * D);
-      scatter(element, density(at.p) * element.measure * factor * values * mass_, out);
-    }
+    for (const Element& element : elements_)
+      element.scatter(density(at.p) * element.measure * factor * element.gather(x) * mass_, out);
   }
 
   bool is_inertia() const override { return true; }
 
  private:
-  struct Element {
-    std::array<int, N> nodes;
-    double measure;
-  };
+  using RegionTerm<Element>::elements_;
+  double damping(const Params& p) const { return definition_.damping < 0 ? 0.0 : p[definition_.damping]; }
   double density(const Params& p) const {
     return p[definition_.density] * (definition_.thickness < 0 ? 1.0 : p[definition_.thickness]);
-  }
-  static void scatter(const Element& element, const Local& values, Eigen::VectorXd& out) {
-    for (int a = 0; a < N; ++a)
-      out.segment<D>(static_cast<Eigen::Index>(element.nodes[static_cast<size_t>(a)]) * D) += values.col(a);
   }
 
   InertiaDefinition definition_;
   Eigen::Matrix<double, N, N> mass_;  ///< of unit density and measure
-  std::vector<Element> elements_;
 };
 
 class PointMass final : public Term {
  public:
-  PointMass(const Mesh& mesh, const Tag& tag, int mass) : dimension_(mesh.dimension()), mass_(mass) {
-    for (int i = 0; i < dimension_; ++i)
-      weights_.push_back(mean_weights(mesh, tag, Eigen::VectorXd::Unit(dimension_, i)));
-    for (int node : tag.nodes()) {
-      nodes_.push_back(node);
-      share_.push_back(weights_[0][static_cast<Eigen::Index>(node) * dimension_]);
-    }
+  PointMass(const Mesh& mesh, const Tag& tag, int mass) : nodes_{tag.nodes(), mesh.dimension()}, mass_(mass) {
+    const int d = nodes_.dimension;
+    for (int i = 0; i < d; ++i) weights_.push_back(mean_weights(mesh, tag, Eigen::VectorXd::Unit(d, i)));
+    for (int node : nodes_.nodes) share_.push_back(weights_[0][node * d]);
   }
-  Cliques cliques() const override {
-    Cliques list;
-    list.add(nodes_);
-    return list;
-  }
+  Cliques cliques() const override { return nodes_.cliques(); }
   void assemble(const Point& at, Assembly& out) const override {
     if (at.step == nullptr) return;
     const double factor = at.p[mass_] * at.step->inertia;
@@ -215,17 +187,14 @@ class PointMass final : public Term {
       if (out.gradient != nullptr) *out.gradient += factor * away * w;
     }
     if (!out.wants_hessian()) return;
-    const Eigen::Index n = static_cast<Eigen::Index>(nodes_.size()) * dimension_;
-    Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> K(n, n);
-    K.setZero();
-    for (size_t a = 0; a < nodes_.size(); ++a) {
-      for (size_t b = 0; b < nodes_.size(); ++b) {
-        for (int i = 0; i < dimension_; ++i)
-          K(static_cast<Eigen::Index>(a) * dimension_ + i, static_cast<Eigen::Index>(b) * dimension_ + i) =
-              factor * share_[a] * share_[b];
+    const int d = nodes_.dimension, n = nodes_.count();
+    Eigen::MatrixXd K = Eigen::MatrixXd::Zero(n * d, n * d);
+    for (int a = 0; a < n; ++a) {
+      for (int b = 0; b < n; ++b) {
+        for (int i = 0; i < d; ++i) K(b * d + i, a * d + i) = factor * share_[a] * share_[b];
       }
     }
-    out.add_hessian(0, nodes_.data(), static_cast<int>(nodes_.size()), dimension_, K.data());
+    nodes_.add_hessian(K, out);
   }
   bool depends_on(int index) const override { return index == mass_; }
   void add_parameter_gradient(const Point& at, int, Eigen::VectorXd& out) const override {
@@ -240,45 +209,24 @@ class PointMass final : public Term {
   bool is_inertia() const override { return true; }
 
  private:
-  int dimension_, mass_;
+  NodeSet nodes_;
+  int mass_;
   std::vector<Eigen::VectorXd> weights_;  ///< per axis
-  std::vector<int> nodes_;
   std::vector<double> share_;
 };
 
 template <ElementShape S>
-class Viscosity final : public Term {
+class Viscosity final : public RegionTerm<ElementGeometry<S>> {
+  using Element = ElementGeometry<S>;
   static constexpr int D = dimension_of(S), N = nodes_of(S), DN = D * N;
-  using Reference = ReferenceElement<S>;
-  static constexpr size_t Q = std::tuple_size_v<decltype(Reference::quadrature())>;
-  using Local = Eigen::Matrix<double, D, N>;
+  static constexpr size_t Q = Element::Q;
+  using Local = typename Element::Local;
   using Square = Eigen::Matrix<double, D, D>;
   using Flat = Eigen::Matrix<double, DN, 1>;
 
  public:
-  Viscosity(const Mesh& mesh, const ViscosityDefinition& definition) : definition_(definition) {
-    for (int e = 0; e < mesh.element_count(); ++e) {
-      if (mesh.region[static_cast<size_t>(e)] != definition.region) continue;
-      Element element;
-      std::copy_n(mesh.element(e), N, element.nodes.begin());
-      Local X;
-      for (int a = 0; a < N; ++a) X.col(a) = mesh.X.template segment<D>(mesh.element(e)[a] * D);
-      for (size_t q = 0; q < Q; ++q) {
-        const auto point = Reference::quadrature()[q];
-        const Local natural = Reference::gradients(point.xi);
-        const Square J = X * natural.transpose();
-        element.gradient[q] = J.transpose().inverse() * natural;
-        element.weight[q] = point.weight * J.determinant();
-      }
-      elements_.push_back(element);
-    }
-  }
-
-  Cliques cliques() const override {
-    Cliques list;
-    for (const Element& element : elements_) list.add(element.nodes);
-    return list;
-  }
+  Viscosity(const Mesh& mesh, const ViscosityDefinition& definition)
+      : RegionTerm<Element>(mesh, definition.region), definition_(definition) {}
 
   void assemble(const Point& at, Assembly& out) const override {
     if (at.step == nullptr || at.p[definition_.damping] == 0) return;
@@ -321,7 +269,7 @@ class Viscosity final : public Term {
       }
       const Local volume = volume_gradient(element, rates.F);
       const Eigen::Map<const Flat> v(volume.data());
-      K += (a0 * c.lambda / element.measure()) * v * v.transpose();
+      K += (a0 * c.lambda / measure_of(element)) * v * v.transpose();
       K = (c.scale * K).eval();
       const Eigen::Matrix<double, DN, DN> symmetric = 0.5 * (K + K.transpose());
       out.add_hessian(static_cast<int>(e), element.nodes.data(), N, D, symmetric.data());
@@ -336,7 +284,7 @@ class Viscosity final : public Term {
   void add_parameter_gradient(const Point& at, int index, Eigen::VectorXd& out) const override {
     if (at.step == nullptr) return;
     const Constants c = derivative(at.p, index);
-    for (const Element& element : elements_) scatter(element, force_of(element, rates_of(element, at), c), out);
+    for (const Element& element : elements_) element.scatter(force_of(element, rates_of(element, at), c), out);
   }
 
   void add_history_product(const Point& at, History q, const Eigen::VectorXd& x, bool transposed,
@@ -349,7 +297,7 @@ class Viscosity final : public Term {
     const Eigen::VectorXd& from = transposed ? at.u : past;  // G = B(u)^T C0 rate B(past)
     const Eigen::VectorXd& to = transposed ? past : at.u;
     for (const Element& element : elements_) {
-      const Local u_from = gather(element, from), u_to = gather(element, to), dx = gather(element, x);
+      const Local u_from = element.gather(from), u_to = element.gather(to), dx = element.gather(x);
       Rates rates;
       std::array<Square, Q> there;
       for (size_t p = 0; p < Q; ++p) {
@@ -359,22 +307,18 @@ class Viscosity final : public Term {
         rates.F[p] = Square::Identity() + u_to * G.transpose();
         rates.dE[p] = 0.5 * factor * (F.transpose() * dF + dF.transpose() * F);
       }
-      rates.volume = factor / element.measure() * volume_gradient(element, there).cwiseProduct(dx).sum();
-      scatter(element, force_of(element, rates, c), out);
+      rates.volume = factor / measure_of(element) * volume_gradient(element, there).cwiseProduct(dx).sum();
+      element.scatter(force_of(element, rates, c), out);
     }
   }
 
  private:
-  struct Element {
-    std::array<int, N> nodes;
-    std::array<Local, Q> gradient;
-    std::array<double, Q> weight;
-    double measure() const {
-      double sum = 0;
-      for (double w : weight) sum += w;
-      return sum;
-    }
-  };
+  using RegionTerm<Element>::elements_;
+  static double measure_of(const Element& element) {
+    double sum = 0;
+    for (double w : element.weight) sum += w;
+    return sum;
+  }
   /// scale [s m] times (mu, lambda) [Pa]
   struct Constants {
     double scale, mu, lambda;
@@ -384,7 +328,7 @@ class Viscosity final : public Term {
     std::array<Square, Q> F, dE;
     double volume = 0;
     double energy(const Element& element, const Constants& c) const {
-      double sum = 0.5 * c.lambda * volume * volume * element.measure();
+      double sum = 0.5 * c.lambda * volume * volume * measure_of(element);
       for (size_t q = 0; q < Q; ++q) sum += element.weight[q] * c.mu * dE[q].squaredNorm();
       return c.scale * sum;
     }
@@ -425,22 +369,12 @@ class Viscosity final : public Term {
     return c;
   }
 
-  static Local gather(const Element& element, const Eigen::VectorXd& all) {
-    Local local;
-    for (int a = 0; a < N; ++a)
-      local.col(a) = all.segment<D>(static_cast<Eigen::Index>(element.nodes[static_cast<size_t>(a)]) * D);
-    return local;
-  }
-  static void scatter(const Element& element, const Local& values, Eigen::VectorXd& out) {
-    for (int a = 0; a < N; ++a)
-      out.segment<D>(static_cast<Eigen::Index>(element.nodes[static_cast<size_t>(a)]) * D) += values.col(a);
-  }
   /// sum of rate * E(state), with E = (H + H^T + H^T H) / 2; the linear part from the differences of states.
   Rates rates_of(const Element& element, const Point& at) const {
     const TimeStep& step = *at.step;
-    const Local now = gather(element, at.u), previous = gather(element, step.previous);
+    const Local now = element.gather(at.u), previous = element.gather(step.previous);
     const bool two = step.rate[2] != 0;
-    const Local before = two ? gather(element, step.before) : Local::Zero();
+    const Local before = two ? element.gather(step.before) : Local::Zero();
     const Local v = step.rate[0] * now + step.rate[1] * previous + step.rate[2] * before;
     Rates rates;
     for (size_t q = 0; q < Q; ++q) {
@@ -458,7 +392,7 @@ class Viscosity final : public Term {
                                            (two ? step.rate[2] * volume_of(before * G.transpose()) : 0.0));
       rates.dE[q] = 0.5 * (V + V.transpose() + P.transpose() * V + V.transpose() * P + quadratic);
     }
-    rates.volume /= element.measure();
+    rates.volume /= measure_of(element);
     return rates;
   }
   /// B(u)^T C0 dE, with the volume's part.
@@ -470,7 +404,6 @@ class Viscosity final : public Term {
   }
 
   ViscosityDefinition definition_;
-  std::vector<Element> elements_;
 };
 
 }  // namespace

@@ -9,7 +9,9 @@
 #include <numbers>
 
 #include "sim/core/error.hpp"
+#include "sim/core/sorted.hpp"
 #include "sim/mesh/topology.hpp"
+#include "sim/model/node_set.hpp"
 
 namespace taut {
 namespace {
@@ -75,47 +77,35 @@ void check(const Mesh& mesh, const Joint& joint) {
 /// Places of a joint's points as functions of the displacements, and the energies of the springs between them.
 class Springs {
  public:
-  Springs(const Mesh& mesh, const Joint& joint) : dimension_(mesh.dimension()) {
+  Springs(const Mesh& mesh, const Joint& joint) : on_{{}, mesh.dimension()} {
     check(mesh, joint);
     has_motor_point_ = joint.motor_b.point.size() > 0;
-    std::vector<const Attachment*> points{&joint.pivot_a, &joint.pivot_b};
-    if (has_motor_point_) {
-      points.push_back(&joint.motor_a);
-      points.push_back(&joint.motor_b);
-    } else {
-      points.insert(points.end(), {nullptr, nullptr});
-    }
-    if (dimension_ == 3) {
-      points.push_back(&joint.axis_a);
-      points.push_back(&joint.axis_b);
-    }
-    for (const Attachment* point : points) {
-      if (point != nullptr) nodes_.insert(nodes_.end(), point->nodes.begin(), point->nodes.end());
-    }
-    std::sort(nodes_.begin(), nodes_.end());
-    nodes_.erase(std::unique(nodes_.begin(), nodes_.end()), nodes_.end());
-    to_nodes_ = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(nodes_.size()) * dimension_, 3 * places);
+    const Attachment none;
+    std::vector<const Attachment*> points{&joint.pivot_a, &joint.pivot_b, has_motor_point_ ? &joint.motor_a : &none,
+                                          has_motor_point_ ? &joint.motor_b : &none};
+    if (on_.dimension == 3) points.insert(points.end(), {&joint.axis_a, &joint.axis_b});
+    std::vector<int>& nodes = on_.nodes;
+    for (const Attachment* point : points) nodes.insert(nodes.end(), point->nodes.begin(), point->nodes.end());
+    sort_unique(nodes);
+    const int d = on_.dimension;
+    to_nodes_ = Eigen::MatrixXd::Zero(on_.count() * d, 3 * places);
     for (size_t p = 0; p < points.size(); ++p) {
-      if (points[p] == nullptr) continue;
+      if (points[p] == &none) continue;
       // Both sides start from the same place, to the last digit: differences are those of the displacements.
-      rest_.col(static_cast<Eigen::Index>(p)).head(dimension_) = points[p - p % 2]->point;
+      rest_.col(p).head(d) = points[p - p % 2]->point;
       for (size_t i = 0; i < points[p]->nodes.size(); ++i) {
-        const Eigen::Index a = std::lower_bound(nodes_.begin(), nodes_.end(), points[p]->nodes[i]) - nodes_.begin();
-        for (Eigen::Index c = 0; c < dimension_; ++c)
-          to_nodes_(a * dimension_ + c, 3 * static_cast<Eigen::Index>(p) + c) += points[p]->weights[i];
+        const Eigen::Index a = std::lower_bound(nodes.begin(), nodes.end(), points[p]->nodes[i]) - nodes.begin();
+        for (Eigen::Index c = 0; c < d; ++c) to_nodes_(a * d + c, 3 * p + c) += points[p]->weights[i];
       }
     }
   }
 
-  const std::vector<int>& nodes() const { return nodes_; }
+  const NodeSet& on() const { return on_; }
   bool has_motor_point() const { return has_motor_point_; }
 
   /// Displacements of the points.
   Places displacements(const Eigen::VectorXd& u) const {
-    Eigen::VectorXd local(to_nodes_.rows());
-    for (size_t a = 0; a < nodes_.size(); ++a)
-      local.segment(static_cast<Eigen::Index>(a) * dimension_, dimension_) =
-          u.segment(static_cast<Eigen::Index>(nodes_[a]) * dimension_, dimension_);
+    const Eigen::VectorXd local = on_.gather(u).reshaped();
     return (to_nodes_.transpose() * local).reshaped(3, static_cast<Eigen::Index>(places));
   }
   Places positions(const Places& v) const { return rest_ + v; }
@@ -123,12 +113,8 @@ class Springs {
   /// Derivatives with respect to the points into those with respect to the nodes.
   Eigen::VectorXd on_nodes(const Vector& g) const { return to_nodes_ * g; }
   Eigen::MatrixXd on_nodes(const Matrix& H) const { return to_nodes_ * H * to_nodes_.transpose(); }
-  void scatter(const Vector& g, Eigen::VectorXd& all) const {
-    const Eigen::VectorXd local = on_nodes(g);
-    for (size_t a = 0; a < nodes_.size(); ++a)
-      all.segment(static_cast<Eigen::Index>(nodes_[a]) * dimension_, dimension_) +=
-          local.segment(static_cast<Eigen::Index>(a) * dimension_, dimension_);
-  }
+  void scatter(const Vector& g, Eigen::VectorXd& all) const { on_.scatter(on_nodes(g), all); }
+  Eigen::VectorXd spread(const Vector& g, const Point& at) const { return on_.spread(on_nodes(g), at.u.size()); }
 
   /// The pins for k = 1: 1/2 |gap|^2 is quadratic.
   double pin_energy(const Places& v) const { return 0.5 * pin_gradient(v).squaredNorm() / 2; }
@@ -159,7 +145,7 @@ class Springs {
   };
   Axis axis(const Places& x) const {
     Axis axis;
-    if (dimension_ == 2) return axis;
+    if (on_.dimension == 2) return axis;
     const Eigen::Vector3d e = x.col(e_a) - x.col(s_a);
     axis.length = e.norm();
     axis.n = e / axis.length;
@@ -189,7 +175,7 @@ class Springs {
     motor.by_points.middleCols<3>(3 * t_b) += Eigen::Matrix3d::Identity();
     motor.mixed = chain(first, axis, a);
     motor.curvature = Matrix::Zero(3 * places, 3 * places);
-    if (dimension_ == 3) add_axis_curvature(turn, axis, a, motor.r, motor.curvature);
+    if (on_.dimension == 3) add_axis_curvature(turn, axis, a, motor.r, motor.curvature);
     return motor;
   }
 
@@ -229,9 +215,8 @@ class Springs {
     block(s_a, s_a) -= ee + ea + ea.transpose();
   }
 
-  int dimension_;
+  NodeSet on_;
   bool has_motor_point_ = false;
-  std::vector<int> nodes_;    ///< all different
   Eigen::MatrixXd to_nodes_;  ///< (unknowns of the nodes x 3 places): weight of a node in a point
   Places rest_ = Places::Zero();
 };
@@ -239,17 +224,9 @@ class Springs {
 class JointTerm final : public Term {
  public:
   JointTerm(const Mesh& mesh, const Joint& joint)
-      : dimension_(mesh.dimension()),
-        springs_(mesh, joint),
-        angle_(joint.angle),
-        pin_(joint.pin_stiffness),
-        motor_(joint.motor_stiffness) {}
+      : springs_(mesh, joint), angle_(joint.angle), pin_(joint.pin_stiffness), motor_(joint.motor_stiffness) {}
 
-  Cliques cliques() const override {
-    Cliques list;
-    list.add(springs_.nodes());
-    return list;
-  }
+  Cliques cliques() const override { return springs_.on().cliques(); }
 
   void assemble(const Point& at, Assembly& out) const override {
     const Places v = springs_.displacements(at.u);
@@ -267,13 +244,8 @@ class JointTerm final : public Term {
         if (out.curvature == Curvature::exact) H += k * motor.curvature;
       }
     }
-    const int* nodes = springs_.nodes().data();
-    const int count = static_cast<int>(springs_.nodes().size());
-    if (out.gradient != nullptr) out.add_gradient(nodes, count, dimension_, springs_.on_nodes(g).data());
-    if (out.wants_hessian()) {
-      const Eigen::MatrixXd K = springs_.on_nodes(H);
-      out.add_hessian(0, nodes, count, dimension_, K.data());
-    }
+    if (out.gradient != nullptr) springs_.scatter(g, *out.gradient);
+    if (out.wants_hessian()) springs_.on().add_hessian(springs_.on_nodes(H), out);
   }
 
   bool depends_on(int index) const override {
@@ -295,7 +267,6 @@ class JointTerm final : public Term {
   }
 
  private:
-  int dimension_;
   Springs springs_;
   int angle_, pin_, motor_;
 };
@@ -307,10 +278,8 @@ class GapChannel final : public Channel {
     return std::sqrt(2 * springs_.pin_energy(springs_.displacements(at.u)));
   }
   Eigen::VectorXd gradient(const Point& at) const override {
-    Eigen::VectorXd gradient = Eigen::VectorXd::Zero(at.u.size());
     const double gap = value(at);
-    if (gap > 0) springs_.scatter(springs_.pin_gradient(springs_.displacements(at.u)) / gap, gradient);
-    return gradient;
+    return springs_.spread(springs_.pin_gradient(springs_.displacements(at.u)) / (gap > 0 ? gap : 1), at);
   }
 
  private:
@@ -348,9 +317,7 @@ class AngleChannel final : public Channel {
     g.col(e_a) = by_e;
     g.col(s_a) = -by_a - by_e;
     g.col(s_b) = -by_b;
-    Eigen::VectorXd gradient = Eigen::VectorXd::Zero(at.u.size());
-    springs_.scatter(g.reshaped(), gradient);
-    return gradient;
+    return springs_.spread(g.reshaped(), at);
   }
 
  private:
@@ -383,11 +350,8 @@ class TorqueChannel final : public Channel {
   }
   Eigen::VectorXd gradient(const Point& at) const override {
     const Springs::Motor motor = motor_at(at);
-    Eigen::VectorXd gradient = Eigen::VectorXd::Zero(at.u.size());
-    springs_.scatter(
-        at.p[stiffness_] * (motor.by_points.transpose() * motor.by_angle + motor.mixed.transpose() * motor.r),
-        gradient);
-    return gradient;
+    return springs_.spread(
+        at.p[stiffness_] * (motor.by_points.transpose() * motor.by_angle + motor.mixed.transpose() * motor.r), at);
   }
   double parameter_derivative(const Point& at, int index) const override {
     if (index < 0 || (index != angle_ && index != stiffness_)) return 0;
@@ -403,14 +367,6 @@ class TorqueChannel final : public Channel {
   int angle_, stiffness_;
 };
 
-/// Rest measure of a straight-sided element.
-double measure_of(const Mesh& mesh, int e) {
-  const int d = mesh.dimension();
-  Eigen::MatrixXd edges(d, d);
-  for (int i = 0; i < d; ++i) edges.col(i) = mesh.node(mesh.element(e)[i + 1]) - mesh.node(mesh.element(e)[0]);
-  return std::abs(edges.determinant()) / (d == 2 ? 2 : 6);
-}
-
 }  // namespace
 
 Attachment make_attachment(const Mesh& mesh, const Part& part, const Eigen::VectorXd& point, double radius) {
@@ -423,17 +379,16 @@ Attachment make_attachment(const Mesh& mesh, const Part& part, const Eigen::Vect
   std::map<int, double> share;
   for (int e = part.first_element; e < part.first_element + part.element_count; ++e) {
     const int* nodes = mesh.element(e);
-    Eigen::VectorXd centroid = Eigen::VectorXd::Zero(d);
-    for (int a = 0; a <= d; ++a) centroid += mesh.node(nodes[a]) / (d + 1);
     const bool contains = std::all_of(centre.nodes.begin(), centre.nodes.end(), [&](int node) {
       return std::find(nodes, nodes + per_element, node) != nodes + per_element;
     });
-    if (!contains && (centroid - point).norm() > radius) continue;
-    for (int a = 0; a < per_element; ++a) share[nodes[a]] += measure_of(mesh, e) / per_element;
+    if (!contains && (mesh.centroid(e) - point).norm() > radius) continue;
+    const double measure = std::abs(vertex_determinant(mesh, e)) / (d == 2 ? 2 : 6);
+    for (int a = 0; a < per_element; ++a) share[nodes[a]] += measure / per_element;
   }
   // min sum w^2/m with M w = (1, 0), M the affine functions about the point: w = m M^T (M m M^T)^-1 (1, 0).
   Attachment result{point, {}, {}};
-  Eigen::MatrixXd M(d + 1, static_cast<Eigen::Index>(share.size()));
+  Eigen::MatrixXd M(d + 1, share.size());
   Eigen::VectorXd m(M.cols());
   for (const auto& [node, measure] : share) {
     const Eigen::Index k = static_cast<Eigen::Index>(result.nodes.size());

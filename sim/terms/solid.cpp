@@ -10,6 +10,7 @@
 #include "sim/materials/all.hpp"
 #include "sim/materials/plane_stress.hpp"
 #include "sim/mesh/shape_functions.hpp"
+#include "sim/terms/region_term.hpp"
 
 namespace taut {
 namespace {
@@ -33,39 +34,6 @@ struct Direct {
   template <int D>
   Tensor<double, D> stress_derivative(const Tensor<double, D>& H, const Material& derivative) const {
     return derivative.stress(H);
-  }
-};
-
-/// Geometry of an element at its quadrature points.
-template <ElementShape S>
-struct ElementGeometry {
-  using Reference = ReferenceElement<S>;
-  static constexpr int D = Reference::D, N = Reference::N;
-  static constexpr int Q = static_cast<int>(std::tuple_size_v<decltype(Reference::quadrature())>);
-  std::array<int, N> nodes;
-  std::array<double, Q> weight;                         ///< of the rest volume (area) [m^D]
-  std::array<Eigen::Matrix<double, D, N>, Q> gradient;  ///< dN/dX [1/m], one column per node
-
-  ElementGeometry(const Mesh& mesh, int e) {
-    Eigen::Matrix<double, D, N> X;
-    for (int a = 0; a < N; ++a) {
-      nodes[static_cast<size_t>(a)] = mesh.element(e)[a];
-      X.col(a) = mesh.X.template segment<D>(static_cast<Eigen::Index>(mesh.element(e)[a]) * D);
-    }
-    const auto rule = Reference::quadrature();
-    for (size_t q = 0; q < rule.size(); ++q) {
-      const Eigen::Matrix<double, D, N> natural = Reference::gradients(rule[q].xi);
-      const Eigen::Matrix<double, D, D> jacobian = X * natural.transpose();
-      weight[q] = rule[q].weight * jacobian.determinant();
-      gradient[q] = jacobian.transpose().inverse() * natural;
-    }
-  }
-
-  Eigen::Matrix<double, D, N> gather(const Eigen::VectorXd& u) const {
-    Eigen::Matrix<double, D, N> local;
-    for (int a = 0; a < N; ++a)
-      local.col(a) = u.segment<D>(static_cast<Eigen::Index>(nodes[static_cast<size_t>(a)]) * D);
-    return local;
   }
 };
 
@@ -109,25 +77,16 @@ Tangent<double, D> projected_tangent(const Law& law, const Tensor<double, D>& H)
 }
 
 template <ElementShape S, class Material, template <class> class Law>
-class Solid final : public Term {
+class Solid final : public RegionTerm<ElementGeometry<S>> {
   using Geometry = ElementGeometry<S>;
   static constexpr int D = Geometry::D, N = Geometry::N, Q = Geometry::Q, DN = D * N;
   static constexpr size_t parameter_count = std::tuple_size_v<decltype(Material::parameters())>;
-  using Local = Eigen::Matrix<double, D, N>;
+  using Local = typename Geometry::Local;
   using Stiffness = Eigen::Matrix<double, DN, DN, Eigen::RowMajor>;
 
  public:
-  Solid(const Mesh& mesh, const SolidDefinition& definition) : definition_(definition) {
-    for (int e = 0; e < mesh.element_count(); ++e) {
-      if (mesh.region[static_cast<size_t>(e)] == definition.region) elements_.emplace_back(mesh, e);
-    }
-  }
-
-  Cliques cliques() const override {
-    Cliques list;
-    for (const Geometry& element : elements_) list.add(element.nodes);
-    return list;
-  }
+  Solid(const Mesh& mesh, const SolidDefinition& definition)
+      : RegionTerm<Geometry>(mesh, definition.region), definition_(definition) {}
 
   bool depends_on(int index) const override {
     return index == definition_.thickness || std::find(definition_.parameters.begin(), definition_.parameters.end(),
@@ -177,12 +136,12 @@ class Solid final : public Term {
         if (averages()) P += pressure * inverse_of<double, D>(H).transpose();
         force.noalias() += (t * element.weight[q] * P) * element.gradient[q];
       }
-      for (size_t a = 0; a < N; ++a)
-        out.segment<D>(static_cast<Eigen::Index>(element.nodes[a]) * D) += force.col(static_cast<Eigen::Index>(a));
+      element.scatter(force, out);
     }
   }
 
  private:
+  using RegionTerm<Geometry>::elements_;
   static constexpr double infinity = std::numeric_limits<double>::infinity();
 
   bool averages() const { return definition_.formulation == Formulation::locking_free; }
@@ -208,7 +167,7 @@ class Solid final : public Term {
   /// Adds one element's gradient and Hessian and returns its energy.
   template <bool averaged>
   double add_element(int e, const Eigen::VectorXd& all, double t, const Material& material, Assembly& out) const {
-    const Geometry& element = elements_[static_cast<size_t>(e)];
+    const Geometry& element = elements_[e];
     const Local u = element.gather(all);
     const bool wants_gradient = out.gradient != nullptr, wants_hessian = out.wants_hessian();
     Law<Material> law{material};
@@ -284,7 +243,6 @@ class Solid final : public Term {
   }
 
   SolidDefinition definition_;
-  std::vector<Geometry> elements_;
 };
 
 /// Calls `action` with a default-constructed material of the named law.
@@ -350,22 +308,11 @@ double smallest_jacobian(const Mesh& mesh, const Eigen::VectorXd& u) {
     constexpr int D = Reference::D, N = Reference::N;
     std::vector<typename Reference::Xi> samples;
     for (const auto& point : Reference::quadrature()) samples.push_back(point.xi);
-    for (int a = 0; a <= D; ++a) {
-      samples.push_back(Reference::Xi::Zero());
-      if (a > 0) samples.back()[a - 1] = 1.0;
-    }
-    for (int edge = 0; edge < N - D - 1; ++edge) {
-      const auto [i, j] = Reference::edges[static_cast<size_t>(edge)];
-      samples.push_back(0.5 * (samples[samples.size() - static_cast<size_t>(D + 1 + edge) + static_cast<size_t>(i)] +
-                               samples[samples.size() - static_cast<size_t>(D + 1 + edge) + static_cast<size_t>(j)]));
-    }
+    for (int a = 0; a < N; ++a) samples.push_back(Reference::node(a));
     double smallest = std::numeric_limits<double>::infinity();
     for (int e = 0; e < mesh.element_count(); ++e) {
-      Eigen::Matrix<double, D, N> X, x;
-      for (int a = 0; a < N; ++a) {
-        X.col(a) = mesh.X.segment<D>(static_cast<Eigen::Index>(mesh.element(e)[a]) * D);
-        x.col(a) = X.col(a) + u.segment<D>(static_cast<Eigen::Index>(mesh.element(e)[a]) * D);
-      }
+      const Eigen::Matrix<double, D, N> X = Reference::positions(mesh, e);
+      const Eigen::Matrix<double, D, N> x = X + ElementNodes<shape>(mesh, e).gather(u);
       for (const auto& xi : samples) {
         const Eigen::Matrix<double, D, N> natural = Reference::gradients(xi);
         const Eigen::Matrix<double, D, D> rest = X * natural.transpose(), now = x * natural.transpose();

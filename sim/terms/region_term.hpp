@@ -1,0 +1,72 @@
+#pragma once
+#include <Eigen/Core>
+#include <Eigen/LU>
+#include <algorithm>
+#include <array>
+#include <vector>
+
+#include "sim/mesh/shape_functions.hpp"
+#include "sim/model/term.hpp"
+
+namespace taut {
+
+/// The nodes of an element, and their part of vectors of all unknowns.
+template <ElementShape S>
+struct ElementNodes {
+  static constexpr int D = dimension_of(S), N = nodes_of(S);
+  using Local = Eigen::Matrix<double, D, N>;
+  std::array<int, N> nodes;
+
+  ElementNodes(const Mesh& mesh, int e) { std::copy_n(mesh.element(e), N, nodes.begin()); }
+
+  Local gather(const Eigen::VectorXd& all) const {
+    Local local;
+    for (int a = 0; a < N; ++a) local.col(a) = all.segment<D>(nodes[a] * D);
+    return local;
+  }
+  void scatter(const Local& local, Eigen::VectorXd& all) const {
+    for (int a = 0; a < N; ++a) all.segment<D>(nodes[a] * D) += local.col(a);
+  }
+};
+
+/// Geometry of an element at its quadrature points.
+template <ElementShape S>
+struct ElementGeometry : ElementNodes<S> {
+  using Reference = ReferenceElement<S>;
+  using Local = typename ElementNodes<S>::Local;
+  static constexpr int Q = static_cast<int>(std::tuple_size_v<decltype(Reference::quadrature())>);
+  std::array<double, Q> weight;   ///< of the rest volume (area) [m^D]
+  std::array<Local, Q> gradient;  ///< dN/dX [1/m], one column per node
+
+  ElementGeometry(const Mesh& mesh, int e) : ElementNodes<S>(mesh, e) {
+    const Local X = Reference::positions(mesh, e);
+    const auto rule = Reference::quadrature();
+    for (size_t q = 0; q < rule.size(); ++q) {
+      const Local natural = Reference::gradients(rule[q].xi);
+      const Eigen::Matrix<double, Reference::D, Reference::D> jacobian = X * natural.transpose();
+      weight[q] = rule[q].weight * jacobian.determinant();
+      gradient[q] = jacobian.transpose().inverse() * natural;
+    }
+  }
+};
+
+/// An energy of a region's elements, each of which is a clique.
+template <class Element>
+class RegionTerm : public Term {
+ public:
+  RegionTerm(const Mesh& mesh, int region) {
+    for (int e = 0; e < mesh.element_count(); ++e) {
+      if (mesh.region[e] == region) elements_.emplace_back(mesh, e);
+    }
+  }
+  Cliques cliques() const override {
+    Cliques list;
+    for (const Element& element : elements_) list.add(element.nodes);
+    return list;
+  }
+
+ protected:
+  std::vector<Element> elements_;
+};
+
+}  // namespace taut
