@@ -78,38 +78,35 @@ struct Cholesky::Implementation {
   };
   /// Takes the analysis' order out of the factor and applies it to the pattern.
   void order(const SparsePattern& pattern) {
-    place.resize(static_cast<size_t>(pattern.size));
+    place.resize(pattern.size);
     int* order = static_cast<int*>(factor->Perm);
-    for (int k = 0; k < pattern.size; ++k) place[static_cast<size_t>(std::exchange(order[k], k))] = k;
+    for (int k = 0; k < pattern.size; ++k) place[std::exchange(order[k], k)] = k;
     factor->ordering = CHOLMOD_NATURAL;
 
     // A counting sort by rows, then by columns.
     const auto sort_by = [&](auto&& key, const std::vector<Entry>& from) {
-      std::vector<int> next(static_cast<size_t>(pattern.size) + 1, 0);
-      for (const Entry& entry : from) ++next[static_cast<size_t>(key(entry)) + 1];
+      std::vector<int> next(pattern.size + 1, 0);
+      for (const Entry& entry : from) ++next[key(entry) + 1];
       std::partial_sum(next.begin(), next.end(), next.begin());
       std::vector<Entry> to(from.size());
-      for (const Entry& entry : from) to[static_cast<size_t>(next[static_cast<size_t>(key(entry))]++)] = entry;
+      for (const Entry& entry : from) to[next[key(entry)]++] = entry;
       return to;
     };
     std::vector<Entry> entries;
     entries.reserve(pattern.rows.size());
-    for (int j = 0; j < pattern.size; ++j) {
-      for (int k = pattern.columns[static_cast<size_t>(j)]; k < pattern.columns[static_cast<size_t>(j) + 1]; ++k) {
-        const int one = place[static_cast<size_t>(j)],
-                  two = place[static_cast<size_t>(pattern.rows[static_cast<size_t>(k)])];
-        entries.push_back({std::min(one, two), std::max(one, two), k});
-      }
-    }
+    pattern.each([&](int k, int row, int column) {
+      const int one = place[column], two = place[row];
+      entries.push_back({std::min(one, two), std::max(one, two), k});
+    });
     entries = sort_by([](const Entry& entry) { return entry.row; }, entries);
     entries = sort_by([](const Entry& entry) { return entry.column; }, entries);
     ordered.size = pattern.size;
-    ordered.columns.assign(static_cast<size_t>(pattern.size) + 1, 0);
+    ordered.columns.assign(pattern.size + 1, 0);
     slot.resize(entries.size());
     for (const Entry& entry : entries) {
-      slot[static_cast<size_t>(entry.from)] = static_cast<int>(ordered.rows.size());
+      slot[entry.from] = static_cast<int>(ordered.rows.size());
       ordered.rows.push_back(entry.row);
-      ++ordered.columns[static_cast<size_t>(entry.column) + 1];
+      ++ordered.columns[entry.column + 1];
     }
     std::partial_sum(ordered.columns.begin(), ordered.columns.end(), ordered.columns.begin());
     values.resize(entries.size());
@@ -139,7 +136,7 @@ Cholesky& Cholesky::operator=(Cholesky&&) noexcept = default;
 
 bool Cholesky::factorise(const std::vector<double>& values, double shift) {
   Implementation& self = *implementation_;
-  for (size_t k = 0; k < self.slot.size(); ++k) self.values[static_cast<size_t>(self.slot[k])] = values[k];
+  for (size_t k = 0; k < self.slot.size(); ++k) self.values[self.slot[k]] = values[k];
   cholmod_sparse A = self.view(self.ordered, self.values.data());
   double beta[2] = {shift, 0};
   ++self.factorisations;
@@ -153,7 +150,7 @@ bool Cholesky::factorise(const std::vector<double>& values, double shift) {
 Eigen::MatrixXd Cholesky::solve(const Eigen::MatrixXd& b) const {
   Implementation& self = *implementation_;
   Eigen::MatrixXd x(b.rows(), b.cols());
-  for (Eigen::Index i = 0; i < b.rows(); ++i) x.row(self.place[static_cast<size_t>(i)]) = b.row(i);
+  for (Eigen::Index i = 0; i < b.rows(); ++i) x.row(self.place[i]) = b.row(i);
   cholmod_dense B{};
   B.nrow = B.d = static_cast<size_t>(b.rows());
   B.ncol = static_cast<size_t>(b.cols());
@@ -166,7 +163,7 @@ Eigen::MatrixXd Cholesky::solve(const Eigen::MatrixXd& b) const {
                      &self.workspace[1], &self.common) == 0)
     throw std::runtime_error("CHOLMOD could not solve");
   const Eigen::Map<const Eigen::MatrixXd> ordered(static_cast<const double*>(self.solution->x), b.rows(), b.cols());
-  for (Eigen::Index i = 0; i < b.rows(); ++i) x.row(i) = ordered.row(self.place[static_cast<size_t>(i)]);
+  for (Eigen::Index i = 0; i < b.rows(); ++i) x.row(i) = ordered.row(self.place[i]);
   return x;
 }
 

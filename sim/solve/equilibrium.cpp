@@ -19,23 +19,9 @@ double largest(const Eigen::VectorXd& v) {
 }  // namespace
 
 std::string_view name_of(SolveStatus status) {
-  switch (status) {
-    case SolveStatus::converged:
-      return "converged";
-    case SolveStatus::infeasible_start:
-      return "infeasible start";
-    case SolveStatus::iteration_limit:
-      return "iteration limit";
-    case SolveStatus::stalled:
-      return "stalled";
-    case SolveStatus::not_a_minimum:
-      return "not a minimum";
-    case SolveStatus::load_step_limit:
-      return "load step limit";
-    case SolveStatus::interrupted:
-      return "interrupted";
-  }
-  return "";
+  constexpr std::string_view names[] = {"converged",     "infeasible start", "iteration limit", "stalled",
+                                        "not a minimum", "load step limit",  "interrupted"};
+  return names[static_cast<size_t>(status)];
 }
 
 std::string SolveReport::message() const {
@@ -103,6 +89,41 @@ Eigen::VectorXd Equilibrium::free_gradient_at(const Eigen::VectorXd& u, const Pa
   return hessian_.reduction().restrict_to_free(u, gradient);
 }
 
+/// Newton's step from u. False when there is none.
+bool Equilibrium::find_direction(const Eigen::VectorXd& u, const Params& p, Direction& to) {
+  Eigen::VectorXd gradient;
+  if (!factorise(to.exact, u, p, gradient)) return false;
+  ++report_.iterations;
+  to.gradient = hessian_.reduction().restrict_to_free(u, gradient);
+  to.step = -hessian_.solve(to.gradient);
+  if (!to.step.allFinite()) return false;
+  report_.gradient = largest(to.gradient);
+  to.slope = to.gradient.dot(to.step);
+  return true;
+}
+
+/// Near the rounding floor energies cannot tell better from worse; the gradient can (approximate Wolfe conditions).
+bool Equilibrium::better_by_gradient(const Eigen::VectorXd& trial, const Params& p, const Direction& way) const {
+  const Eigen::VectorXd gradient = free_gradient_at(trial, p);
+  return std::abs(gradient.dot(way.step)) <= 0.9 * std::abs(way.slope) || gradient.norm() <= 0.9 * way.gradient.norm();
+}
+
+/// Goes back and shortens a step until the energy decreases enough. False, and where the step began, when it never
+/// does.
+bool Equilibrium::shorten(const Step& from, const Params& p, Eigen::VectorXd& u, Assembly& energy) const {
+  const double shortest = 1e-9 * from.fraction;
+  double fraction = 0.5 * from.fraction;
+  for (; fraction > shortest; fraction *= 0.5) {
+    u = motion(p).admissible(from.u, from.step, p, fraction);
+    model_->evaluate(at(u, p), energy);
+    if (energy.energy <= from.energy.energy + 1e-4 * fraction * from.slope) break;
+  }
+  if (fraction > shortest) return true;
+  u = from.u;
+  energy = from.energy;
+  return false;
+}
+
 /// Newton's method at fixed p. `u` is the start (supports imposed) and the result.
 ///
 /// Line search with a watchdog (Chamberlain et al. 1982): a full step that raises the energy is taken all the same,
@@ -110,88 +131,59 @@ Eigen::VectorXd Equilibrium::free_gradient_at(const Eigen::VectorXd& u, const Pa
 /// step along a stiff constraint (a segment that turns, a volume that must not change) leaves it to second order; a
 /// line search alone would creep along, where the next Newton step simply returns to it.
 Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params& p) {
-  struct {
-    Eigen::VectorXd u, step;
-    Assembly energy;
-    double slope = 0, fraction = 1;
-  } reference;
-  const Motion way = motion(p);
+  Step reference;
+  const Motion motions = motion(p);
   Assembly energy, next;
   model_->evaluate(at(u, p), energy);
   if (!std::isfinite(energy.energy)) return {SolveStatus::infeasible_start, false};
 
   const double tolerance = options_.step_tolerance * model_->length_scale();
-  Eigen::VectorXd gradient, trial;
+  const LineSearch search = options_.comparison.line_search;
   bool on_trust = false;  // the last step raised the energy and is still to be made up for
   const int limit = (buckling_ ? 4 : 1) * options_.max_iterations;  // the way into a post-buckled shape is long
   for (int iteration = 0; iteration < limit; ++iteration) {
     if (stopped()) return {SolveStatus::interrupted, false};
-    bool exact = true;
-    if (!factorise(exact, u, p, gradient)) return {SolveStatus::stalled, false};
-    ++report_.iterations;
-    const Eigen::VectorXd free_gradient = hessian_.reduction().restrict_to_free(u, gradient);
-    const Eigen::VectorXd free_step = -hessian_.solve(free_gradient);
-    if (!free_step.allFinite()) return {SolveStatus::stalled, false};
-    report_.gradient = largest(free_gradient);
-    if (report_.gradient < options_.comparison.stop_at_force) return {SolveStatus::converged, exact};
-    const double slope = free_gradient.dot(free_step);  // < 0, twice the predicted decrease
+    Direction way;
+    if (!find_direction(u, p, way)) return {SolveStatus::stalled, false};
+    if (report_.gradient < options_.comparison.stop_at_force) return {SolveStatus::converged, way.exact};
     const double noise = 10 * epsilon * energy.magnitude;
-    const Eigen::VectorXd step = hessian_.reduction().extend_from_free(u, free_step);
-
-    if (options_.comparison.line_search == LineSearch::none) {
-      double whole = 1;
-      u = way.admissible(u, step, p, whole);
-      model_->evaluate(at(u, p), energy);
-      if (!std::isfinite(energy.energy)) return {SolveStatus::stalled, false};
-      if (largest(free_step) <= tolerance) return {SolveStatus::converged, exact};
-      continue;
-    }
-    // Near the rounding floor energies cannot tell better from worse; the gradient can (approximate Wolfe conditions).
-    auto better_by_gradient = [&] {
-      if (!(next.energy <= energy.energy + noise)) return false;
-      const Eigen::VectorXd free_trial = free_gradient_at(trial, p);
-      return std::abs(free_trial.dot(free_step)) <= 0.9 * std::abs(slope) ||
-             free_trial.norm() <= 0.9 * free_gradient.norm();
-    };
-
+    const Eigen::VectorXd step = hessian_.reduction().extend_from_free(u, way.step);
     double fraction = 1;
-    trial = way.admissible(u, step, p, fraction);
-    if (fraction == 0) return {SolveStatus::stalled, false};
+    Eigen::VectorXd trial = motions.admissible(u, step, p, fraction);
+    if (fraction == 0 && search != LineSearch::none) return {SolveStatus::stalled, false};
     model_->evaluate(at(trial, p), next);
     // The Newton step is the error estimate. A last full step costs no factorisation and leaves an error of its square.
-    const double size = largest(free_step);
+    const double size = largest(way.step);
+    if (search == LineSearch::none) {
+      u = trial;
+      energy = next;
+      if (!std::isfinite(energy.energy)) return {SolveStatus::stalled, false};
+      if (size <= tolerance) return {SolveStatus::converged, way.exact};
+      continue;
+    }
     if (size <= tolerance) {
       if (next.energy <= energy.energy + noise) u = trial;
-      return {SolveStatus::converged, exact};
+      return {SolveStatus::converged, way.exact};
     }
-    if (polish_ == Polish::search && exact && fraction == 1 && next.energy <= energy.energy) {
+    if (polish_ == Polish::search && way.exact && fraction == 1 && next.energy <= energy.energy) {
       Eigen::VectorXd refined = trial;
       if (refine(refined, p, 0.1 * size)) {
         u = refined;
         return {SolveStatus::converged, true};
       }
     }
-    if (!on_trust) reference = {u, step, energy, slope, fraction};
-    const bool armijo = options_.comparison.line_search == LineSearch::armijo;
+    if (!on_trust) reference = {u, step, energy, way.slope, fraction};
+    const bool armijo = search == LineSearch::armijo;
     const bool sufficient = next.energy <= reference.energy.energy + 1e-4 * reference.fraction * reference.slope ||
-                            (!armijo && better_by_gradient());
+                            (!armijo && next.energy <= energy.energy + noise && better_by_gradient(trial, p, way));
     if (sufficient || (!armijo && !on_trust && std::isfinite(next.energy))) {
       on_trust = !sufficient;
       u = trial;
       energy = next;
       continue;
     }
-
     on_trust = false;
-    const double shortest = 1e-9 * reference.fraction;
-    for (fraction = 0.5 * reference.fraction; fraction > shortest; fraction *= 0.5) {
-      trial = way.admissible(reference.u, reference.step, p, fraction);
-      model_->evaluate(at(trial, p), next);
-      if (next.energy <= reference.energy.energy + 1e-4 * fraction * reference.slope) break;
-    }
-    u = fraction > shortest ? trial : reference.u;
-    energy = fraction > shortest ? next : reference.energy;
-    if (fraction > shortest) continue;
+    if (shorten(reference, p, u, energy)) continue;
     // No acceptable step; when even the predicted decrease is below what rounding lets us see, this is the floor.
     const bool floor = !armijo && std::abs(reference.slope) <= 10 * epsilon * reference.energy.magnitude;
     return {floor ? SolveStatus::converged : SolveStatus::stalled, false};
@@ -287,13 +279,12 @@ Eigen::VectorXd Equilibrium::right_hand_side(int index) const {
 Eigen::MatrixXd Equilibrium::sensitivities(const std::vector<int>& indices) const {
   if (!has_factor_) throw std::logic_error("sensitivities need a converged equilibrium");
   const Reduction& reduction = hessian_.reduction();
-  Eigen::MatrixXd rhs(reduction.size(), static_cast<Eigen::Index>(indices.size()));
-  for (size_t k = 0; k < indices.size(); ++k) rhs.col(static_cast<Eigen::Index>(k)) = right_hand_side(indices[k]);
+  Eigen::MatrixXd rhs(reduction.size(), indices.size());
+  for (size_t k = 0; k < indices.size(); ++k) rhs.col(k) = right_hand_side(indices[k]);
   const Eigen::MatrixXd free = hessian_.solve(rhs);
   Eigen::MatrixXd all(model_->unknowns(), rhs.cols());
   for (size_t k = 0; k < indices.size(); ++k) {
-    all.col(static_cast<Eigen::Index>(k)) =
-        reduction.extend_from_free(u_, free.col(static_cast<Eigen::Index>(k))) + model_->support_derivative(indices[k]);
+    all.col(k) = reduction.extend_from_free(u_, free.col(k)) + model_->support_derivative(indices[k]);
   }
   return all;
 }

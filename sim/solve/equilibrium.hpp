@@ -125,6 +125,21 @@ class Equilibrium {
     bool exact_factor;  ///< the kept factor is of the exact Hessian, one last step within the tolerance before the
                         ///< final u
   };
+  /// Newton's step on the free unknowns.
+  struct Direction {
+    bool exact = true;  ///< by the exact Hessian
+    Eigen::VectorXd gradient, step;
+    double slope = 0;  ///< < 0, twice the predicted decrease
+  };
+  /// A step that was tried: where it began, and how far it went.
+  struct Step {
+    Eigen::VectorXd u, step;
+    Assembly energy;
+    double slope = 0, fraction = 1;
+  };
+  bool find_direction(const Eigen::VectorXd& u, const Params& p, Direction& to);
+  bool better_by_gradient(const Eigen::VectorXd& trial, const Params& p, const Direction& way) const;
+  bool shorten(const Step& from, const Params& p, Eigen::VectorXd& u, Assembly& energy) const;
   NewtonResult minimise(Eigen::VectorXd& u, const Params& p);
   bool refine(Eigen::VectorXd& u, const Params& p, double largest_step);
   bool leave_saddle(Eigen::VectorXd& u, const Params& p);

@@ -3,36 +3,22 @@
 #include <algorithm>
 #include <cmath>
 
+#include "sim/core/sorted.hpp"
+
 namespace taut {
-
-namespace {
-
-/// Where an entry of the lower triangle is stored; -1: nowhere.
-int slot_in(const SparsePattern& pattern, int row, int column) {
-  const auto begin = pattern.rows.begin() + pattern.columns[static_cast<size_t>(column)];
-  const auto end = pattern.rows.begin() + pattern.columns[static_cast<size_t>(column) + 1];
-  const auto found = std::lower_bound(begin, end, row);
-  return found != end && *found == row ? static_cast<int>(found - pattern.rows.begin()) : -1;
-}
-
-}  // namespace
 
 Hessian::Hessian(const Model& model)
     : model_(&model),
       reduction_(model),
       pattern_(std::make_unique<SparsePattern>(base())),
-      own_(static_cast<size_t>(model.pattern().entries()) + 1),
+      own_(model.pattern().entries() + 1),
       own_cholesky_(*pattern_) {
   if (reduction_.identity()) return;
-  const SparsePattern& whole = model.pattern();
-  for (int j = 0; j < whole.size; ++j) {
-    for (int k = whole.columns[static_cast<size_t>(j)]; k < whole.columns[static_cast<size_t>(j) + 1]; ++k) {
-      reduction_.spread(whole.rows[static_cast<size_t>(k)], j,
-                        [&](int row, int column, int left, int right, double factor) {
-                          spreads_.push_back({k, slot_in(base(), row, column), left, right, factor});
-                        });
-    }
-  }
+  model.pattern().each([&](int k, int row, int column) {
+    reduction_.spread(row, column, [&](int r, int c, int left, int right, double factor) {
+      spreads_.push_back({k, base().slot(r, c), left, right, factor});
+    });
+  });
 }
 
 void Hessian::forget_couplings() {
@@ -71,11 +57,11 @@ void Hessian::set_pattern(std::vector<Place> extra) {
   slots_.assign(own.rows.size(), 0);
   auto next = extra_.begin();
   for (int column = 0; column < own.size; ++column) {
-    for (int k = own.columns[static_cast<size_t>(column)]; k < own.columns[static_cast<size_t>(column) + 1]; ++k) {
-      const int row = own.rows[static_cast<size_t>(k)];
+    for (int k = own.columns[column]; k < own.columns[column + 1]; ++k) {
+      const int row = own.rows[k];
       for (; next != extra_.end() && next->column == column && next->row < row; ++next)
         pattern_->rows.push_back(next->row);
-      slots_[static_cast<size_t>(k)] = static_cast<int>(pattern_->rows.size());
+      slots_[k] = static_cast<int>(pattern_->rows.size());
       pattern_->rows.push_back(row);
     }
     for (; next != extra_.end() && next->column == column; ++next) pattern_->rows.push_back(next->row);
@@ -88,13 +74,12 @@ void Hessian::set_pattern(std::vector<Place> extra) {
 /// T^T H T and the curvature of the rotations, from own_ to reduced_.
 void Hessian::reduce(const Point& at, Curvature curvature, const Eigen::VectorXd& gradient,
                      const std::vector<double>& weights) {
-  reduced_.assign(static_cast<size_t>(base().entries()), 0.0);
+  reduced_.assign(base().entries(), 0.0);
   for (const Spread& s : spreads_) {
-    reduced_[static_cast<size_t>(s.slot)] += s.factor * weights[static_cast<size_t>(s.left)] *
-                                             weights[static_cast<size_t>(s.right)] * own_[static_cast<size_t>(s.entry)];
+    reduced_[s.slot] += s.factor * weights[s.left] * weights[s.right] * own_[s.entry];
   }
   for (const Reduction::Curved& c : reduction_.rotations(at.u, gradient, curvature == Curvature::projected))
-    reduced_[static_cast<size_t>(slot_in(base(), c.row, c.column))] += c.value;
+    reduced_[base().slot(c.row, c.column)] += c.value;
 }
 
 Assembly Hessian::assemble(const Point& at, Curvature curvature, Eigen::VectorXd* gradient) {
@@ -115,7 +100,7 @@ Assembly Hessian::assemble(const Point& at, Curvature curvature, Eigen::VectorXd
   std::vector<Place> missing;
   const auto keep = [&](int row, int column, double value) {
     kept.push_back({row, column, value});
-    if (slot_in(*pattern_, row, column) < 0) missing.push_back({column, row});
+    if (pattern_->slot(row, column) < 0) missing.push_back({column, row});
   };
   for (const Coupling& coupling : couplings_) {
     const int row = model_->free_index(coupling.row), column = model_->free_index(coupling.column);
@@ -125,24 +110,22 @@ Assembly Hessian::assemble(const Point& at, Curvature curvature, Eigen::VectorXd
       continue;
     }
     reduction_.spread(row, column, [&](int r, int c, int left, int right, double factor) {
-      keep(r, c, factor * weights[static_cast<size_t>(left)] * weights[static_cast<size_t>(right)] * coupling.value);
+      keep(r, c, factor * weights[left] * weights[right] * coupling.value);
     });
   }
   couplings_ = std::move(kept);
   if (!missing.empty()) {
     missing.insert(missing.end(), extra_.begin(), extra_.end());
-    std::sort(missing.begin(), missing.end());
-    missing.erase(std::unique(missing.begin(), missing.end()), missing.end());
+    sort_unique(missing);
     set_pattern(std::move(missing));
   }
   std::vector<double>& own = reduction_.identity() ? own_ : reduced_;
   if (!slots_.empty()) {
     values_.assign(pattern_->rows.size(), 0.0);
-    for (size_t k = 0; k < slots_.size(); ++k) values_[static_cast<size_t>(slots_[k])] = own[k];
+    for (size_t k = 0; k < slots_.size(); ++k) values_[slots_[k]] = own[k];
   }
   std::vector<double>& values = slots_.empty() ? own : values_;
-  for (const Coupling& coupling : couplings_)
-    values[static_cast<size_t>(slot_in(*pattern_, coupling.row, coupling.column))] += coupling.value;
+  for (const Coupling& coupling : couplings_) values[pattern_->slot(coupling.row, coupling.column)] += coupling.value;
   return out;
 }
 
@@ -150,23 +133,9 @@ bool Hessian::factorise(double shift) {
   return (grown_ ? *grown_ : own_cholesky_).factorise(values(), shift);
 }
 
-Eigen::VectorXd Hessian::times(const Eigen::VectorXd& q) const {
-  Eigen::VectorXd product = Eigen::VectorXd::Zero(q.size());
-  for (int j = 0; j < pattern_->size; ++j) {
-    for (int k = pattern_->columns[static_cast<size_t>(j)]; k < pattern_->columns[static_cast<size_t>(j) + 1]; ++k) {
-      const int i = pattern_->rows[static_cast<size_t>(k)];
-      const double value = values()[static_cast<size_t>(k)];
-      product[i] += value * q[j];
-      if (i != j) product[j] += value * q[i];
-    }
-  }
-  return product;
-}
-
 double Hessian::mean_diagonal() const {
   double sum = 0;
-  for (int j = 0; j < pattern_->size; ++j)
-    sum += std::abs(values()[static_cast<size_t>(pattern_->columns[static_cast<size_t>(j)])]);
+  for (int j = 0; j < pattern_->size; ++j) sum += std::abs(values()[pattern_->columns[j]]);
   return sum / std::max(1, pattern_->size);
 }
 

@@ -25,7 +25,7 @@ class Hessian {
   /// Solves with the last factor; shape (n) or (n x k).
   Eigen::MatrixXd solve(const Eigen::MatrixXd& b) const { return (grown_ ? *grown_ : own_cholesky_).solve(b); }
   /// What was assembled times q.
-  Eigen::VectorXd times(const Eigen::VectorXd& q) const;
+  Eigen::VectorXd times(const Eigen::VectorXd& q) const { return pattern_->times(values(), q); }
   const Reduction& reduction() const { return reduction_; }
   /// Mean absolute diagonal entry [N/m].
   double mean_diagonal() const;

@@ -36,7 +36,7 @@ Eigen::VectorXd Motion::along(const Eigen::VectorXd& u, const Eigen::VectorXd& s
   const int d = model_->mesh().dimension();
   auto lifted = [d](const Eigen::VectorXd& all, int node) {
     Eigen::Vector3d v = Eigen::Vector3d::Zero();
-    v.head(d) = all.segment(static_cast<Eigen::Index>(node) * d, d);
+    v.head(d) = all.segment(node * d, d);
     return v;
   };
   for (const Body* body : stiff_) {
@@ -60,8 +60,7 @@ Eigen::VectorXd Motion::along(const Eigen::VectorXd& u, const Eigen::VectorXd& s
       const Eigen::Vector3d r = lifted(model_->mesh().X, node) + lifted(u, node) - centre;
       const Eigen::Vector3d strained = fraction * (lifted(step, node) - translation - w.cross(r));
       const Eigen::Vector3d moved = fraction * translation + turned_by(fraction * w, r + strained) + strained;
-      result.segment(static_cast<Eigen::Index>(node) * d, d) =
-          u.segment(static_cast<Eigen::Index>(node) * d, d) + moved.head(d);
+      result.segment(node * d, d) = u.segment(node * d, d) + moved.head(d);
     }
   }
   return result;

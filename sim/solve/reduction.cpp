@@ -4,14 +4,16 @@
 #include <array>
 #include <cmath>
 
+#include "sim/core/sorted.hpp"
+
 namespace taut {
 
 Reduction::Reduction(const Model& model) : model_(&model) {
   const int d = model.mesh().dimension();
-  std::vector<int> owner(static_cast<size_t>(model.mesh().node_count()), -1);
+  std::vector<int> owner(model.mesh().node_count(), -1);
   for (const Body& body : model.bodies()) {
     if (!body.rigid() || body.supported) continue;
-    for (int node : body.nodes) owner[static_cast<size_t>(node)] = static_cast<int>(bodies_.size());
+    for (int node : body.nodes) owner[node] = static_cast<int>(bodies_.size());
     bodies_.push_back({&body, 0, 0});
   }
   offsets_.push_back(0);
@@ -19,10 +21,9 @@ Reduction::Reduction(const Model& model) : model_(&model) {
   if (identity()) return;
 
   size_ = 0;
-  std::vector<int> own(static_cast<size_t>(model.free_unknowns()), -1);  // of unknowns outside rigid bodies
+  std::vector<int> own(model.free_unknowns(), -1);  // of unknowns outside rigid bodies
   for (int i = 0; i < model.unknowns(); ++i) {
-    if (model.free_index(i) >= 0 && owner[static_cast<size_t>(i / d)] < 0)
-      own[static_cast<size_t>(model.free_index(i))] = size_++;
+    if (model.free_index(i) >= 0 && owner[i / d] < 0) own[model.free_index(i)] = size_++;
   }
   const Eigen::VectorXd rest = Eigen::VectorXd::Zero(model.unknowns());
   for (Rigid& rigid : bodies_) {
@@ -36,11 +37,11 @@ Reduction::Reduction(const Model& model) : model_(&model) {
   for (int i = 0; i < model.unknowns(); ++i) {
     const int free = model.free_index(i), node = i / d, component = i % d;
     if (free < 0) continue;
-    if (owner[static_cast<size_t>(node)] < 0) {
-      entries_.push_back({own[static_cast<size_t>(free)]});
+    if (owner[node] < 0) {
+      entries_.push_back({own[free]});
     } else {
-      const int b = owner[static_cast<size_t>(node)];
-      const Rigid& rigid = bodies_[static_cast<size_t>(b)];
+      const int b = owner[node];
+      const Rigid& rigid = bodies_[b];
       entries_.push_back({rigid.first + component});
       // w x r: component i takes w_j r_k - w_k r_j, (i, j, k) cyclic.
       const int j = (component + 1) % 3, k = (component + 2) % 3;
@@ -55,27 +56,22 @@ Reduction::Reduction(const Model& model) : model_(&model) {
 }
 
 void Reduction::build_pattern() {
-  std::vector<std::vector<int>> columns(static_cast<size_t>(size_));
-  for (int k = 0; k < size_; ++k) columns[static_cast<size_t>(k)].push_back(k);
-  const SparsePattern& whole = model_->pattern();
-  for (int j = 0; j < whole.size; ++j) {
-    for (int k = whole.columns[static_cast<size_t>(j)]; k < whole.columns[static_cast<size_t>(j) + 1]; ++k) {
-      spread(whole.rows[static_cast<size_t>(k)], j,
-             [&](int row, int column, int, int, double) { columns[static_cast<size_t>(column)].push_back(row); });
-    }
-  }
+  std::vector<std::vector<int>> columns(size_);
+  for (int k = 0; k < size_; ++k) columns[k].push_back(k);
+  model_->pattern().each([&](int, int i, int j) {
+    spread(i, j, [&](int row, int column, int, int, double) { columns[column].push_back(row); });
+  });
   for (const Rigid& rigid : bodies_) {
     const int first = rigid.first + model_->mesh().dimension();
     const int last = rigid.first + (model_->mesh().dimension() == 2 ? 3 : 6);
     for (int column = first; column < last; ++column) {
-      for (int row = column; row < last; ++row) columns[static_cast<size_t>(column)].push_back(row);
+      for (int row = column; row < last; ++row) columns[column].push_back(row);
     }
   }
   pattern_.size = size_;
   pattern_.columns.assign(1, 0);
   for (std::vector<int>& rows : columns) {
-    std::sort(rows.begin(), rows.end());
-    rows.erase(std::unique(rows.begin(), rows.end()), rows.end());
+    sort_unique(rows);
     pattern_.rows.insert(pattern_.rows.end(), rows.begin(), rows.end());
     pattern_.columns.push_back(static_cast<int>(pattern_.rows.size()));
   }
@@ -84,7 +80,7 @@ void Reduction::build_pattern() {
 Eigen::VectorXd Reduction::centre(const Body& body, const Eigen::VectorXd& u) const {
   const int d = model_->mesh().dimension();
   Eigen::VectorXd sum = Eigen::VectorXd::Zero(d);
-  for (int node : body.nodes) sum += model_->mesh().node(node) + u.segment(static_cast<Eigen::Index>(node) * d, d);
+  for (int node : body.nodes) sum += model_->mesh().node(node) + u.segment(node * d, d);
   return sum / static_cast<double>(body.nodes.size());
 }
 
@@ -97,7 +93,7 @@ std::vector<double> Reduction::weights(const Eigen::VectorXd& u) const {
   for (const Entry& entry : entries_) {
     weights.push_back(entry.body < 0 ? 1.0
                                      : entry.scale * (model_->mesh().X[entry.unknown] + u[entry.unknown] -
-                                                      centres[static_cast<size_t>(entry.body)][entry.unknown % d]));
+                                                      centres[entry.body][entry.unknown % d]));
   }
   return weights;
 }
@@ -108,8 +104,7 @@ Eigen::VectorXd Reduction::restrict_to_free(const Eigen::VectorXd& u, const Eige
   const std::vector<double> w = weights(u);
   Eigen::VectorXd q = Eigen::VectorXd::Zero(size_);
   for (Eigen::Index i = 0; i < free.size(); ++i) {
-    for (int k = offsets_[static_cast<size_t>(i)]; k < offsets_[static_cast<size_t>(i) + 1]; ++k)
-      q[entries_[static_cast<size_t>(k)].column] += w[static_cast<size_t>(k)] * free[i];
+    for (int k = offsets_[i]; k < offsets_[i + 1]; ++k) q[entries_[k].column] += w[k] * free[i];
   }
   return q;
 }
@@ -119,8 +114,7 @@ Eigen::VectorXd Reduction::extend_from_free(const Eigen::VectorXd& u, const Eige
   const std::vector<double> w = weights(u);
   Eigen::VectorXd free = Eigen::VectorXd::Zero(model_->free_unknowns());
   for (Eigen::Index i = 0; i < free.size(); ++i) {
-    for (int k = offsets_[static_cast<size_t>(i)]; k < offsets_[static_cast<size_t>(i) + 1]; ++k)
-      free[i] += w[static_cast<size_t>(k)] * q[entries_[static_cast<size_t>(k)].column];
+    for (int k = offsets_[i]; k < offsets_[i + 1]; ++k) free[i] += w[k] * q[entries_[k].column];
   }
   return model_->extend_from_free(free);
 }

@@ -32,9 +32,9 @@ class Reduction {
   /// each entry row >= column of T^T H T, to which it adds factor * weights[left] * weights[right] * H(i, j).
   template <class Add>
   void spread(int i, int j, Add&& add) const {
-    for (int a = offsets_[static_cast<size_t>(i)]; a < offsets_[static_cast<size_t>(i) + 1]; ++a) {
-      for (int b = offsets_[static_cast<size_t>(j)]; b < offsets_[static_cast<size_t>(j) + 1]; ++b) {
-        const int one = entries_[static_cast<size_t>(a)].column, two = entries_[static_cast<size_t>(b)].column;
+    for (int a = offsets_[i]; a < offsets_[i + 1]; ++a) {
+      for (int b = offsets_[j]; b < offsets_[j + 1]; ++b) {
+        const int one = entries_[a].column, two = entries_[b].column;
         if (i == j && one < two) continue;  // (a, b) and (b, a) are one entry of the lower triangle
         add(std::max(one, two), std::min(one, two), a, b, i != j && one == two ? 2.0 : 1.0);
       }

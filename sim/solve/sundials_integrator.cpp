@@ -26,27 +26,19 @@ struct SymmetricMatrix {
   std::vector<Coupling> couplings;
 
   Eigen::VectorXd times(const Model& model, const Eigen::VectorXd& x) const {
-    const SparsePattern& pattern = model.pattern();
-    Eigen::VectorXd y = Eigen::VectorXd::Zero(x.size());
-    auto add = [&](int row, int column, double value) {
-      y[row] += value * x[column];
-      if (row != column) y[column] += value * x[row];
-    };
-    for (int column = 0; column < pattern.size; ++column) {
-      for (int k = pattern.columns[static_cast<size_t>(column)]; k < pattern.columns[static_cast<size_t>(column) + 1];
-           ++k)
-        add(pattern.rows[static_cast<size_t>(k)], column, values[static_cast<size_t>(k)]);
-    }
+    Eigen::VectorXd y = model.pattern().times(values, x);
     for (const Coupling& coupling : couplings) {
       const int row = model.free_index(coupling.row), column = model.free_index(coupling.column);
-      if (row >= 0 && column >= 0) add(row, column, coupling.value);
+      if (row < 0 || column < 0) continue;
+      y[row] += coupling.value * x[column];
+      if (row != column) y[column] += coupling.value * x[row];
     }
     return y;
   }
 
   /// Where the terms are to put it.
   Assembly target(const Model& model, Curvature curvature) {
-    values.resize(static_cast<size_t>(model.pattern().entries()) + 1);
+    values.resize(model.pattern().entries() + 1);
     Assembly out;
     out.hessian = values.data();
     out.couplings = &couplings;
@@ -72,34 +64,16 @@ struct FullState {
 };
 
 ARKODE_DIRKTableID implicit_table(int order) {
-  switch (order) {
-    case 2:
-      return ARKODE_TRBDF2_3_3_2;
-    case 4:
-      return ARKODE_ESDIRK436L2SA_6_3_4;
-    case 5:
-      return ARKODE_ESDIRK547L2SA2_7_4_5;
-    default:
-      return ARKODE_ESDIRK324L2SA_4_2_3;
-  }
+  constexpr ARKODE_DIRKTableID tables[] = {ARKODE_TRBDF2_3_3_2, ARKODE_ESDIRK324L2SA_4_2_3, ARKODE_ESDIRK436L2SA_6_3_4,
+                                           ARKODE_ESDIRK547L2SA2_7_4_5};
+  return tables[order == 0 ? 1 : order - 2];
 }
 
 }  // namespace
 
 std::string_view name_of(OdeStatus status) {
-  switch (status) {
-    case OdeStatus::going:
-      return "going";
-    case OdeStatus::infeasible_start:
-      return "infeasible start";
-    case OdeStatus::passed_through:
-      return "passed through";
-    case OdeStatus::step_limit:
-      return "step limit";
-    case OdeStatus::failed:
-      return "failed";
-  }
-  return "";
+  constexpr std::string_view names[] = {"going", "infeasible start", "passed through", "step limit", "failed"};
+  return names[static_cast<size_t>(status)];
 }
 
 std::string OdeReport::message() const {
@@ -365,28 +339,23 @@ struct OdeIntegrator::Implementation {
   }
 
   void count() {
-    long steps = 0, evaluations = 0, implicit_evaluations = 0, iterations = 0, errors = 0, failures = 0, tracking = 0;
-    if (bdf()) {
-      CVodeGetNumSteps(memory, &steps);
-      CVodeGetNumRhsEvals(memory, &evaluations);
-      CVodeGetNumNonlinSolvIters(memory, &iterations);
-      CVodeGetNumErrTestFails(memory, &errors);
-      CVodeGetNumStepSolveFails(memory, &failures);
-      if (!tracked.empty()) CVodeGetSensNumRhsEvals(memory, &tracking);
-    } else {
-      ARKStepGetNumSteps(memory, &steps);
-      ARKStepGetNumRhsEvals(memory, &evaluations, &implicit_evaluations);
-      ARKStepGetNumNonlinSolvIters(memory, &iterations);
-      ARKStepGetNumErrTestFails(memory, &errors);
-      ARKStepGetNumStepSolveFails(memory, &failures);
-    }
-    report.steps = static_cast<int>(steps);
-    report.evaluations = static_cast<int>(evaluations + implicit_evaluations);
-    report.newton_iterations = static_cast<int>(iterations);
+    const auto number = [&](auto of_cvode, auto of_arkode) {
+      long count = 0;
+      bdf() ? of_cvode(memory, &count) : of_arkode(memory, &count);
+      return static_cast<int>(count);
+    };
+    report.steps = number(CVodeGetNumSteps, ARKStepGetNumSteps);
+    report.evaluations = number(CVodeGetNumRhsEvals, [](void* arkode, long* all) {
+      long of_explicit = 0, of_implicit = 0;
+      const int flag = ARKStepGetNumRhsEvals(arkode, &of_explicit, &of_implicit);
+      *all = of_explicit + of_implicit;
+      return flag;
+    });
+    report.newton_iterations = number(CVodeGetNumNonlinSolvIters, ARKStepGetNumNonlinSolvIters);
     report.factorisations = hessian.factorisations() - factorisations_before;
-    report.error_test_failures = static_cast<int>(errors);
-    report.convergence_failures = static_cast<int>(failures);
-    report.sensitivity_evaluations = static_cast<int>(tracking);
+    report.error_test_failures = number(CVodeGetNumErrTestFails, ARKStepGetNumErrTestFails);
+    report.convergence_failures = number(CVodeGetNumStepSolveFails, ARKStepGetNumStepSolveFails);
+    if (!tracked.empty()) report.sensitivity_evaluations = number(CVodeGetSensNumRhsEvals, CVodeGetSensNumRhsEvals);
   }
 
   void read_sensitivities() {
@@ -394,12 +363,11 @@ struct OdeIntegrator::Implementation {
     for (const NVector& one : sensitivities) s.push_back(one.get());
     double time = 0;
     if (report.steps > 0) require(CVodeGetSens(memory, &time, s.data()));
-    du.resize(model->unknowns(), static_cast<Eigen::Index>(s.size()));
-    dv.resize(model->unknowns(), static_cast<Eigen::Index>(s.size()));
+    du.resize(model->unknowns(), s.size());
+    dv.resize(model->unknowns(), s.size());
     for (size_t k = 0; k < s.size(); ++k) {
-      const Eigen::Index column = static_cast<Eigen::Index>(k);
-      du.col(column) = model->extend_from_free(view(s[k]).head(n)) + model->support_derivative(tracked[k]);
-      dv.col(column) = model->extend_from_free(view(s[k]).tail(n));
+      du.col(k) = model->extend_from_free(view(s[k]).head(n)) + model->support_derivative(tracked[k]);
+      dv.col(k) = model->extend_from_free(view(s[k]).tail(n));
     }
   }
 

@@ -182,7 +182,7 @@ void TimeStepper::follow_derivatives(bool two_steps) {
 TrajectoryGradient adjoint_gradient(const Model& model, const std::vector<AcceptedStep>& steps,
                                     const std::vector<Eigen::VectorXd>& gradients, const std::vector<int>& indices) {
   const Eigen::VectorXd zero = Eigen::VectorXd::Zero(model.unknowns());
-  Eigen::MatrixXd result(static_cast<Eigen::Index>(indices.size()), static_cast<Eigen::Index>(steps.size()));
+  Eigen::MatrixXd result(indices.size(), steps.size());
   // Derivatives of Q with respect to the state at the end of this step and of the two before it.
   std::array<Eigen::VectorXd, 3> u{zero, zero, zero}, v{zero, zero, zero};
   Hessian hessian(model);
@@ -197,7 +197,7 @@ TrajectoryGradient adjoint_gradient(const Model& model, const std::vector<Accept
     const Eigen::VectorXd lambda = model.extend_from_free(hessian.solve(model.restrict_to_free(u[0])));
     const Eigen::VectorXd at_supports = u[0] - model.hessian_times(at, lambda);
     for (size_t i = 0; i < indices.size(); ++i) {
-      result(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) =
+      result(i, k) =
           at_supports.dot(model.support_derivative(indices[i])) - lambda.dot(model.parameter_gradient(at, indices[i]));
     }
     const Eigen::VectorXd reference = -model.history_product(at, History::reference, lambda, true);
