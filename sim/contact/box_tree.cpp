@@ -20,13 +20,13 @@ void BoxTree<D>::build(const std::vector<Place>& places, std::vector<int>& order
   next_.push_back(self + 2 * (end - begin) - 1);
   if (end - begin == 1) return;
   Box box;
-  for (size_t i = begin; i < end; ++i) box.extend(places[static_cast<size_t>(order[i])]);
+  for (size_t i = begin; i < end; ++i) box.extend(places[order[i]]);
   int axis = 0;
   box.sizes().maxCoeff(&axis);
   const size_t middle = begin + (end - begin) / 2;
   std::sort(order.begin() + static_cast<std::ptrdiff_t>(begin), order.begin() + static_cast<std::ptrdiff_t>(end),
             [&](int one, int two) {
-              const double x = places[static_cast<size_t>(one)][axis], y = places[static_cast<size_t>(two)][axis];
+              const double x = places[one][axis], y = places[two][axis];
               return x < y || (x == y && one < two);
             });
   build(places, order, begin, middle);
@@ -37,7 +37,7 @@ template <int D>
 auto BoxTree<D>::enclose(const std::vector<Box>& leaves) const -> std::vector<Box> {
   std::vector<Box> boxes(leaf_.size());
   for (size_t k = leaf_.size(); k-- > 0;) {
-    boxes[k] = leaf_[k] >= 0 ? leaves[static_cast<size_t>(leaf_[k])] : boxes[k + 1].merged(boxes[next_[k + 1]]);
+    boxes[k] = leaf_[k] >= 0 ? leaves[leaf_[k]] : boxes[k + 1].merged(boxes[next_[k + 1]]);
   }
   return boxes;
 }

@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <limits>
 #include <stdexcept>
 
 #include "sim/contact/contact_geometry.hpp"
@@ -12,19 +11,6 @@
 
 namespace taut {
 namespace {
-
-constexpr double infinity = std::numeric_limits<double>::infinity();
-
-/// weight * kappa * b(distance) between a vertex and another vertex, the line through two, or a ground.
-struct Interaction {
-  enum class Kind { vertex, line, ground };
-  Kind kind;
-  int vertex;
-  int first;      ///< other vertex, or first one of the line, or the ground
-  int second;     ///< second vertex of the line
-  int stiffness;  ///< table index
-  double weight;  ///< without kappa and thickness; negative where a vertex is taken back
-};
 
 /// The energy of a pair as a function of its distance, without weights: the barrier, or the spring of a penalty.
 struct PairLaw {
@@ -42,52 +28,33 @@ struct PairLaw {
   }
 };
 
-/// What is asked of the law f of a distance: f', f'' and which Hessian.
-struct Derivatives {
-  double first = 0, second = 0;
-  bool wants_hessian = false;
-  Curvature curvature = Curvature::exact;
-};
-
-/// The gradient of a distance and the Hessian of its barrier on the nodes that can move.
-struct Local {
-  int count = 0;  ///< of nodes
-  std::array<int, 3> nodes;
-  std::array<double, 6> gradient;
-  std::array<double, 36> hessian;  ///< (2 count x 2 count)
-};
-
 }  // namespace
 
 /// Vertices: the nodes of the edges in ascending order, then the obstacles' points. Edges: those of the settings, then
 /// the obstacles' segments.
-struct Contact::Surface : ContactSurface<2, ContactSettings> {
-  struct Near {
-    int vertex, edge;
-    Closest closest;
-  };
+struct PlaneSurface : ContactSurface<2, ContactSettings> {
+  using Local = taut::Local<2, 3>;
+  using Near = taut::Near<Closest>;
 
   int mesh_nodes = 0, body_edges = 0;
   std::vector<std::array<int, 2>> edges;
-  std::vector<int> edge_stiffness;    ///< -1: the other side's
-  std::vector<double> length;         ///< of rest boundary per vertex [m]
-  IndexLists edges_at, stiffness_at;  ///< per vertex
+  std::vector<int> edge_stiffness;  ///< -1: the other side's
+  std::vector<double> length;       ///< of rest boundary per vertex [m]
+  IndexLists edges_at;              ///< per vertex
   BoxTree<2> body_tree, obstacle_tree;
 
   Closest closest(const State& s, int vertex, int edge) const {
-    const auto& [a, b] = edges[static_cast<size_t>(edge)];
+    const auto& [a, b] = edges[edge];
     return closest_on_segment(s.from(a, vertex), s.from(a, b));
   }
   bool contains(int edge, int vertex) const {
-    const auto& [a, b] = edges[static_cast<size_t>(edge)];
+    const auto& [a, b] = edges[edge];
     return a == vertex || b == vertex;
   }
-  bool ignores(int edge, int vertex) const {
-    return contains(edge, vertex) || apart(vertex, edges[static_cast<size_t>(edge)][0]);
-  }
+  bool ignores(int edge, int vertex) const { return contains(edge, vertex) || apart(vertex, edges[edge][0]); }
   int edge_count() const { return static_cast<int>(edges.size()); }
 
-  Surface(const Mesh& mesh, ContactSettings given);
+  PlaneSurface(const Mesh& mesh, ContactSettings given);
   void add_obstacles();
   void find_neighbours();
 
@@ -105,24 +72,29 @@ struct Contact::Surface : ContactSurface<2, ContactSettings> {
   template <class Visit>
   void visit_edges(const Boxes& boxes, int vertex, const Box& box, Visit&& visit) const;
   std::vector<Near> pairs_within(const State& s, double reach, bool brute_force = false) const;
-  int stiffness_of(const Params& p, int vertex) const {
-    const auto [begin, end] = stiffness_at[vertex];
-    int least = -1;
-    for (const int* k = begin; k != end; ++k) least = softer(p, least, *k);
-    return least;
-  }
+  int stiffness_of(const Params& p, int vertex) const { return softest(p, edges_at[vertex], edge_stiffness); }
   bool penalty() const { return settings.form == ContactForm::penalty; }
   bool weighted() const { return penalty() || settings.form == ContactForm::length_weighted; }
-  PairLaw law(const Params& p) const { return {{p[settings.gap], weighted() ? 1 : 2}, penalty()}; }
-  double scale(const Params& p) const { return weighted() && settings.thickness >= 0 ? p[settings.thickness] : 1.0; }
+  PairLaw law(const Interaction&, const Params& p) const { return {{p[settings.gap], weighted() ? 1 : 2}, penalty()}; }
+  int thickness() const { return weighted() ? settings.thickness : -1; }
+  double scale(const Params& p) const { return thickness() >= 0 ? p[thickness()] : 1.0; }
+  double mollified(const State&, const Interaction&) const { return 1; }
+  int vertex_of(const Interaction& i) const { return i.first; }
   std::vector<Interaction> interactions(const State& s, const Params& p) const;
-  void add_vertex_interactions(const State& s, const Params& p, const Near* begin, const Near* end,
+  void add_vertex_interactions(const State& s, const Params& p, std::span<const Near> near,
                                std::vector<Interaction>& all) const;
-  double distance(const State& s, const Interaction& i) const;
-  void differentiate(const State& s, const Interaction& i, const Derivatives& f, Local& out) const;
+  void differentiate(const State& s, const Interaction& i, const OfDistance& f, Local& out) const;
+  OfDistance parameter_derivative(const Interaction& i, const Params& p, int index) const;
+  double step_limit(const State& s, const State& change, double limit) const;
+  std::vector<ContactPair> active_pairs(const State& s, double gap, bool brute_force) const;
+  template <class Consider>
+  void each_distance(const State& s, double horizon, Consider&& consider) const {
+    for (const Near& near : pairs_within(s, horizon)) consider(near.closest.distance);
+  }
+  bool intersects(const Places& x) const;
 };
 
-Contact::Surface::Surface(const Mesh& mesh, ContactSettings given) : ContactSurface(std::move(given)) {
+PlaneSurface::PlaneSurface(const Mesh& mesh, ContactSettings given) : ContactSurface(std::move(given)) {
   mesh_nodes = mesh.node_count();
   edges = number_vertices(mesh, settings.edges, "an edge");
   body_edges = edge_count();
@@ -132,7 +104,7 @@ Contact::Surface::Surface(const Mesh& mesh, ContactSettings given) : ContactSurf
   find_neighbours();
 }
 
-void Contact::Surface::add_obstacles() {
+void PlaneSurface::add_obstacles() {
   for (size_t o = 0; o < settings.obstacles.size(); ++o) {
     const auto& line = settings.obstacles[o];
     if (line.size() < 2)
@@ -146,7 +118,7 @@ void Contact::Surface::add_obstacles() {
     const bool closed = line.size() > 3 && line.front() == line.back();
     const int first = vertices(), count = static_cast<int>(line.size()) - (closed ? 1 : 0);
     X.conservativeResize(2, first + count);
-    for (int k = 0; k < count; ++k) X.col(first + k) = line[static_cast<size_t>(k)];
+    for (int k = 0; k < count; ++k) X.col(first + k) = line[k];
     for (int k = 0; k + 1 < static_cast<int>(line.size()); ++k) {
       edges.push_back({first + k, first + (k + 1) % count});
       edge_stiffness.push_back(settings.obstacle_stiffness);
@@ -154,42 +126,34 @@ void Contact::Surface::add_obstacles() {
   }
 }
 
-void Contact::Surface::find_neighbours() {
-  std::vector<std::vector<int>> at(static_cast<size_t>(vertices()));
+void PlaneSurface::find_neighbours() {
+  std::vector<std::vector<int>> at(vertices());
   length.assign(at.size(), 0.0);
   std::vector<Eigen::Vector2d> body, obstacles;
   for (int e = 0; e < edge_count(); ++e) {
-    const auto& [a, b] = edges[static_cast<size_t>(e)];
+    const auto& [a, b] = edges[e];
     const double half = 0.5 * (X.col(b) - X.col(a)).norm();
     if (!(half > 0)) throw std::logic_error("contact: an edge has no length");
     for (int v : {a, b}) {
-      at[static_cast<size_t>(v)].push_back(e);
-      length[static_cast<size_t>(v)] += half;
+      at[v].push_back(e);
+      length[v] += half;
     }
     (e < body_edges ? body : obstacles).emplace_back(0.5 * (X.col(a) + X.col(b)));
   }
-  for (const auto& list : at) {
-    edges_at.add(list);
-    std::vector<int> kinds;
-    for (int e : list) kinds.push_back(edge_stiffness[static_cast<size_t>(e)]);
-    std::sort(kinds.begin(), kinds.end());
-    kinds.erase(std::unique(kinds.begin(), kinds.end()), kinds.end());
-    stiffness_at.add(kinds);
-  }
+  edges_at.assign(at);
   body_tree = BoxTree<2>(body);
   obstacle_tree = BoxTree<2>(obstacles);
 }
 
 template <class Visit>
-void Contact::Surface::visit_edges(const Boxes& boxes, int vertex, const Box& box, Visit&& visit) const {
+void PlaneSurface::visit_edges(const Boxes& boxes, int vertex, const Box& box, Visit&& visit) const {
   body_tree.visit(boxes.body, box, [&](int e) {
     if (!ignores(e, vertex)) visit(e);
   });
   if (vertex < moving()) obstacle_tree.visit(boxes.obstacles, box, [&](int e) { visit(body_edges + e); });
 }
 
-std::vector<Contact::Surface::Near> Contact::Surface::pairs_within(const State& s, double reach,
-                                                                   bool brute_force) const {
+std::vector<PlaneSurface::Near> PlaneSurface::pairs_within(const State& s, double reach, bool brute_force) const {
   std::vector<Near> pairs;
   const auto look = [&](int vertex, int edge) {
     const Closest near = closest(s, vertex, edge);
@@ -208,88 +172,67 @@ std::vector<Contact::Surface::Near> Contact::Surface::pairs_within(const State& 
   const Places x = s.positions();
   const Boxes boxes = enclose([&](int v) { return Box(x.col(v).array() - margin, x.col(v).array() + margin); });
   for (int v = 0; v < vertices(); ++v) visit_edges(boxes, v, Box(Place(x.col(v))), [&](int e) { look(v, e); });
-  std::sort(pairs.begin(), pairs.end(), [](const Near& one, const Near& two) {
-    return one.vertex < two.vertex || (one.vertex == two.vertex && one.edge < two.edge);
-  });
+  std::sort(pairs.begin(), pairs.end());
   return pairs;
 }
 
 /// What one vertex feels: the edges near it, less what their vertices count twice.
-void Contact::Surface::add_vertex_interactions(const State& s, const Params& p, const Near* begin, const Near* end,
-                                               std::vector<Interaction>& all) const {
+void PlaneSurface::add_vertex_interactions(const State& s, const Params& p, std::span<const Near> near,
+                                           std::vector<Interaction>& all) const {
   using Kind = Interaction::Kind;
-  const int i = begin->vertex, own = stiffness_of(p, i);
-  const double gap = p[settings.gap], weight = weighted() ? 0.5 * length[static_cast<size_t>(i)] : 1.0;
+  const int i = near.front().first, own = stiffness_of(p, i);
+  const double gap = p[settings.gap], weight = weighted() ? 0.5 * length[i] : 1.0;
   const size_t first_of_vertex = all.size();
   const auto add_vertex = [&](int v, int stiffness, double w) {
     // Edges that end in v and the vertex taken back are the same function: what remains is often nothing.
     for (size_t k = first_of_vertex; k < all.size(); ++k) {
-      if (all[k].kind == Kind::vertex && all[k].first == v && all[k].stiffness == stiffness) {
+      if (all[k].kind == Kind::vertex && all[k].second == v && all[k].stiffness == stiffness) {
         all[k].weight += w;
         return;
       }
     }
-    all.push_back({Kind::vertex, i, v, -1, stiffness, w});
+    all.push_back({Kind::vertex, i, v, stiffness, w, s.from(v, i).norm()});
   };
-  for (const Near* near = begin; near != end; ++near) {
-    const int e = near->edge;
-    const auto& [a, b] = edges[static_cast<size_t>(e)];
-    const int stiffness = softer(p, own, edge_stiffness[static_cast<size_t>(e)]);
-    if (near->closest.part == Closest::Part::inside)
-      all.push_back({Kind::line, i, a, b, stiffness, weight});
+  for (const auto& [vertex, e, closest] : near) {
+    const auto& [a, b] = edges[e];
+    const int stiffness = softer(p, own, edge_stiffness[e]);
+    if (closest.part == Closest::Part::inside)
+      all.push_back({Kind::edge, i, e, stiffness, weight, closest.distance});
     else
-      add_vertex(near->closest.part == Closest::Part::first_end ? a : b, stiffness, weight);
+      add_vertex(closest.part == Closest::Part::first_end ? a : b, stiffness, weight);
     if (settings.form == ContactForm::pair_sum) continue;
     for (int v : {a, b}) {
       // Once per vertex: with the first of its edges that does not contain i.
-      const auto [first, last] = edges_at[v];
-      const int* lead = std::find_if(first, last, [&](int other) { return !ignores(other, i); });
-      if (*lead != e || last - lead < 2 || !(s.from(v, i).norm() < gap)) continue;
-      int softest = -1;
-      for (const int* other = lead; other != last; ++other) {
+      const auto around = edges_at[v];
+      const auto lead = std::ranges::find_if(around, [&](int other) { return !ignores(other, i); });
+      if (*lead != e || around.end() - lead < 2 || !(s.from(v, i).norm() < gap)) continue;
+      int least = -1;
+      for (auto other = lead; other != around.end(); ++other) {
         if (ignores(*other, i)) continue;
-        const int here = softer(p, own, edge_stiffness[static_cast<size_t>(*other)]);
+        const int here = softer(p, own, edge_stiffness[*other]);
         add_vertex(v, here, -weight);
-        softest = softer(p, softest, here);
+        least = softer(p, least, here);
       }
-      add_vertex(v, softest, weight);
+      add_vertex(v, least, weight);
     }
   }
 }
 
-std::vector<Interaction> Contact::Surface::interactions(const State& s, const Params& p) const {
+std::vector<Interaction> PlaneSurface::interactions(const State& s, const Params& p) const {
   const double gap = p[settings.gap];
   const std::vector<Near> pairs = pairs_within(s, gap);
   std::vector<Interaction> all;
-  for (size_t begin = 0, end = 0; begin < pairs.size(); begin = end) {
-    while (end < pairs.size() && pairs[end].vertex == pairs[begin].vertex) ++end;
-    add_vertex_interactions(s, p, pairs.data() + begin, pairs.data() + end, all);
-  }
-  all.erase(std::remove_if(all.begin(), all.end(), [](const Interaction& i) { return i.weight == 0; }), all.end());
-  for (int g = 0; g < ground_count(); ++g) {
-    for (int v = 0; v < moving(); ++v) {
-      if (!(s.height(g, v) < gap)) continue;
-      const int stiffness = softer(p, stiffness_of(p, v), settings.obstacle_stiffness);
-      const double weight = weighted() ? length[static_cast<size_t>(v)] : 1.0;
-      all.push_back({Interaction::Kind::ground, v, g, -1, stiffness, weight});
-    }
-  }
+  each_vertex(pairs, [&](std::span<const Near> near) { add_vertex_interactions(s, p, near, all); });
+  std::erase_if(all, [](const Interaction& i) { return i.weight == 0; });
+  each_height(s, [&](int g, int v, double height) {
+    if (!(height < gap)) return;
+    const int stiffness = softer(p, stiffness_of(p, v), settings.obstacle_stiffness);
+    all.push_back({Interaction::Kind::ground, v, g, stiffness, weighted() ? length[v] : 1.0, height});
+  });
   return all;
 }
 
-double Contact::Surface::distance(const State& s, const Interaction& i) const {
-  switch (i.kind) {
-    case Interaction::Kind::vertex:
-      return s.from(i.first, i.vertex).norm();
-    case Interaction::Kind::line:
-      return closest_on_segment(s.from(i.first, i.vertex), s.from(i.first, i.second)).distance;
-    case Interaction::Kind::ground:
-      break;
-  }
-  return s.height(i.first, i.vertex);
-}
-
-void Contact::Surface::differentiate(const State& s, const Interaction& i, const Derivatives& f, Local& out) const {
+void PlaneSurface::differentiate(const State& s, const Interaction& i, const OfDistance& f, Local& out) const {
   // The vertices of obstacles cannot move: their rows are left out.
   const auto keep = [&](std::initializer_list<int> involved, const auto& gradient, const auto& hessian) {
     std::array<int, 6> row;
@@ -297,138 +240,63 @@ void Contact::Surface::differentiate(const State& s, const Interaction& i, const
     out.count = 0;
     for (int v : involved) {
       if (v < moving()) {
-        out.nodes[static_cast<size_t>(out.count++)] = nodes[static_cast<size_t>(v)];
-        for (int k = 0; k < 2; ++k) row[static_cast<size_t>(n++)] = 2 * position + k;
+        out.nodes[out.count++] = nodes[v];
+        for (int k = 0; k < 2; ++k) row[n++] = 2 * position + k;
       }
       ++position;
     }
+    out.gradient.resize(n);
+    if (f.wants_hessian) out.hessian.resize(n, n);
     for (int r = 0; r < n; ++r) {
-      out.gradient[static_cast<size_t>(r)] = gradient[row[static_cast<size_t>(r)]];
-      if (!f.wants_hessian) continue;
-      for (int c = 0; c < n; ++c)
-        out.hessian[static_cast<size_t>(r * n + c)] = hessian(row[static_cast<size_t>(r)], row[static_cast<size_t>(c)]);
+      out.gradient[r] = f.first * gradient[row[r]];
+      for (int c = 0; f.wants_hessian && c < n; ++c) out.hessian(r, c) = hessian(row[r], row[c]);
     }
   };
-  switch (i.kind) {
-    case Interaction::Kind::vertex: {
-      const PointPointDistance distance(s.from(i.first, i.vertex));
-      const Eigen::Matrix4d hessian =
-          f.wants_hessian ? distance.hessian(f.first, f.second, f.curvature) : Eigen::Matrix4d::Zero();
-      return keep({i.vertex, i.first}, distance.gradient(), hessian);
-    }
-    case Interaction::Kind::line: {
-      const PointLineDistance distance(s.from(i.first, i.vertex), s.from(i.first, i.second));
-      PointLineDistance::Matrix6 hessian;
-      if (f.wants_hessian) hessian = distance.hessian(f.first, f.second, f.curvature);
-      return keep({i.vertex, i.first, i.second}, distance.gradient(), hessian);
-    }
-    case Interaction::Kind::ground: {
-      const Eigen::Vector2d& normal = settings.grounds[static_cast<size_t>(i.first)].normal;
-      return keep({i.vertex}, normal, Eigen::Matrix2d(f.second * normal * normal.transpose()));
-    }
+  const auto keep_distance = [&](std::initializer_list<int> involved, const auto& distance) {
+    decltype(distance.hessian(0, 0)) hessian;
+    if (f.wants_hessian) hessian = distance.hessian(f.first, f.second, f.curvature);
+    keep(involved, distance.gradient(), hessian);
+  };
+  if (i.kind == Interaction::Kind::vertex) {
+    keep_distance({i.first, i.second}, PointPointDistance(s.from(i.second, i.first)));
+  } else if (i.kind == Interaction::Kind::edge) {
+    const auto& [a, b] = edges[i.second];
+    keep_distance({i.first, a, b}, PointLineDistance(s.from(a, i.first), s.from(a, b)));
+  } else {
+    const Eigen::Vector2d& normal = settings.grounds[i.second].normal;
+    keep({i.first}, normal, Eigen::Matrix2d(f.second * normal * normal.transpose()));
   }
 }
 
-Contact::Contact(const Mesh& mesh, ContactSettings settings)
-    : surface_(std::make_unique<const Surface>(mesh, std::move(settings))) {}
-Contact::~Contact() = default;
+OfDistance PlaneSurface::parameter_derivative(const Interaction& i, const Params& p, int index) const {
+  const PairLaw law = this->law(i, p);
+  const double kappa = p[i.stiffness];
+  double factor = 0;
+  if (index == settings.gap) factor += scale(p) * kappa * law.slope_by_gap(i.distance);
+  if (index == i.stiffness) factor += scale(p) * law.slope(i.distance);
+  if (index == thickness()) factor += kappa * law.slope(i.distance);
+  return {0, i.weight * factor};
+}
 
 std::vector<std::array<int, 2>> contact_edges(const Mesh& mesh) {
   if (mesh.dimension() != 2) throw std::logic_error("contact: the mesh is not plane");
-  const Tag facets = boundary(mesh);
-  std::vector<std::array<int, 2>> edges;
-  for (int f = 0; f < facets.count(); ++f) {
-    const int* node = facets.entities.data() + static_cast<size_t>(f) * facets.nodes_per_entity;
-    if (facets.nodes_per_entity == 2) {
-      edges.push_back({node[0], node[1]});
-    } else {
-      edges.push_back({node[0], node[2]});
-      edges.push_back({node[2], node[1]});
-    }
-  }
-  return edges;
+  return order_of(mesh.shape) == 1 ? pieces_of_boundary<2>(mesh, {{0, 1}})
+                                   : pieces_of_boundary<2>(mesh, {{0, 2}, {2, 1}});
 }
 
-void Contact::assemble(const Point& at, Assembly& out) const {
-  const Surface& surface = *surface_;
-  const Surface::State s = surface.state(at.u);
-  const PairLaw law = surface.law(at.p);
-  const double scale = surface.scale(at.p);
-  Local local;
-  for (const Interaction& i : surface.interactions(s, at.p)) {
-    const double factor = scale * at.p[i.stiffness] * i.weight;
-    const double d = surface.distance(s, i);
-    if (!(d > 0) && !law.penalty) {
-      out.add_energy(infinity);
-      return;
-    }
-    out.add_energy(factor * law.value(d));
-    if (d == 0 && i.kind != Interaction::Kind::ground) continue;  // a spring of no direction
-    Derivatives f{factor * law.slope(d), 0.0, out.wants_hessian(), out.curvature};
-    // Displacements are rounded, and with them the distance.
-    out.magnitude += std::abs(f.first) * s.u.col(i.vertex).cwiseAbs().maxCoeff();
-    if (out.gradient == nullptr && !f.wants_hessian) continue;
-    if (f.wants_hessian) f.second = factor * law.curvature(d);
-    surface.differentiate(s, i, f, local);
-    if (out.gradient != nullptr) {
-      for (double& g : local.gradient) g *= f.first;
-      out.add_gradient(local.nodes.data(), local.count, 2, local.gradient.data());
-    }
-    if (f.wants_hessian) out.add_coupling(local.nodes.data(), local.count, 2, local.hessian.data());
-  }
-}
-
-bool Contact::depends_on(int index) const {
-  const ContactSettings& settings = surface_->settings;
-  if (index < 0) return false;
-  if (index == settings.gap || index == settings.obstacle_stiffness) return true;
-  if (index == settings.thickness) return surface_->weighted();
-  return std::find(settings.stiffness.begin(), settings.stiffness.end(), index) != settings.stiffness.end();
-}
-
-void Contact::add_parameter_gradient(const Point& at, int index, Eigen::VectorXd& out) const {
-  if (!depends_on(index)) return;
-  const Surface& surface = *surface_;
-  const ContactSettings& settings = surface.settings;
-  const Surface::State s = surface.state(at.u);
-  const PairLaw law = surface.law(at.p);
-  const double scale = surface.scale(at.p);
-  const bool is_thickness = index == settings.thickness && surface.weighted();
-  Local local;
-  for (const Interaction& i : surface.interactions(s, at.p)) {
-    const double d = surface.distance(s, i), kappa = at.p[i.stiffness];
-    double factor = 0;
-    if (index == settings.gap) factor += scale * kappa * law.slope_by_gap(d);
-    if (index == i.stiffness) factor += scale * law.slope(d);
-    if (is_thickness) factor += kappa * law.slope(d);
-    if (factor == 0 || (d == 0 && i.kind != Interaction::Kind::ground)) continue;
-    surface.differentiate(s, i, {}, local);
-    for (int k = 0; k < 2 * local.count; ++k) {
-      out[2 * Eigen::Index(local.nodes[static_cast<size_t>(k / 2)]) + k % 2] +=
-          i.weight * factor * local.gradient[static_cast<size_t>(k)];
-    }
-  }
-}
-
-double Contact::step_limit(const Point& at, const Eigen::VectorXd& step) const {
-  if (surface_->penalty()) return 1;
-  if (!step.allFinite() || !at.u.allFinite()) return 0;
-  const Surface& surface = *surface_;
-  const Surface::State s = surface.state(at.u), change = surface.state(step);
-  double limit = surface.ground_limit(s, change);
-  const Surface::Sweep swept(s, change);
-  const Surface::Boxes boxes = surface.enclose(swept);
+double PlaneSurface::step_limit(const State& s, const State& change, double limit) const {
+  const Sweep swept(s, change);
+  const Boxes boxes = enclose(swept);
   // Distance to the nearest edge at the start, if that is below `radius`.
   const auto clearance = [&](int v, double radius) {
     double nearest = radius;
-    const Surface::Box around(swept.x.col(v).array() - radius, swept.x.col(v).array() + radius);
-    surface.visit_edges(boxes, v, around,
-                        [&](int e) { nearest = std::min(nearest, surface.closest(s, v, e).distance); });
+    const Box around(swept.x.col(v).array() - radius, swept.x.col(v).array() + radius);
+    visit_edges(boxes, v, around, [&](int e) { nearest = std::min(nearest, closest(s, v, e).distance); });
     return nearest;
   };
-  for (int v = 0; v < surface.vertices() && limit > 0; ++v) {
-    surface.visit_edges(boxes, v, swept(v), [&](int e) {
-      const auto& [a, b] = surface.edges[static_cast<size_t>(e)];
+  for (int v = 0; v < vertices() && limit > 0; ++v) {
+    visit_edges(boxes, v, swept(v), [&](int e) {
+      const auto& [a, b] = edges[e];
       const MovingPair pair{s.from(a, v), s.from(a, b), change.u.col(v) - change.u.col(a),
                             change.u.col(b) - change.u.col(a)};
       const double distance = closest_on_segment(pair.r, pair.e).distance;
@@ -441,52 +309,31 @@ double Contact::step_limit(const Point& at, const Eigen::VectorXd& step) const {
   return limit;
 }
 
-std::vector<ContactPair> Contact::active_pairs(const Point& at, bool brute_force) const {
-  const Surface& surface = *surface_;
-  const Surface::State s = surface.state(at.u);
-  const double gap = at.p[surface.settings.gap];
+std::vector<ContactPair> PlaneSurface::active_pairs(const State& s, double gap, bool brute_force) const {
   std::vector<ContactPair> pairs;
-  const auto number = [&](int v) {
-    return v < surface.moving() ? surface.nodes[static_cast<size_t>(v)] : surface.mesh_nodes + v - surface.moving();
-  };
-  for (const Surface::Near& near : surface.pairs_within(s, gap, brute_force))
-    pairs.push_back({number(near.vertex), near.edge, near.closest.distance});
-  for (int g = 0; g < surface.ground_count(); ++g) {
-    for (int v = 0; v < surface.moving(); ++v) {
-      const double height = s.height(g, v);
-      if (height < gap) pairs.push_back({number(v), surface.edge_count() + g, height});
-    }
-  }
+  const auto number = [&](int v) { return v < moving() ? nodes[v] : mesh_nodes + v - moving(); };
+  for (const Near& near : pairs_within(s, gap, brute_force))
+    pairs.push_back({number(near.first), near.second, near.closest.distance});
+  each_height(s, [&](int g, int v, double height) {
+    if (height < gap) pairs.push_back({number(v), edge_count() + g, height});
+  });
   std::sort(pairs.begin(), pairs.end(), [](const ContactPair& one, const ContactPair& two) {
     return one.node < two.node || (one.node == two.node && one.edge < two.edge);
   });
   return pairs;
 }
 
-double Contact::smallest_distance(const Eigen::VectorXd& u, double horizon) const {
-  const Surface& surface = *surface_;
-  const Surface::State s = surface.state(u);
-  double smallest = surface.lowest(s, horizon);
-  for (const Surface::Near& near : surface.pairs_within(s, horizon))
-    smallest = std::min(smallest, near.closest.distance);
-  return smallest;
-}
-
-bool Contact::intersects(const Eigen::VectorXd& u) const {
-  const Surface& surface = *surface_;
-  const Surface::State s = surface.state(u);
-  if (surface.behind_a_ground(s)) return true;
-  const Surface::Places x = s.positions();
-  const auto place = [&](int v) { return Surface::Box(Surface::Place(x.col(v))); };
-  const Surface::Boxes boxes = surface.enclose(place);
+bool PlaneSurface::intersects(const Places& x) const {
+  const auto place = [&](int v) { return Box(Place(x.col(v))); };
+  const Boxes boxes = enclose(place);
   bool found = false;
   const auto look = [&](int e, int f) {
     if (found || e >= f) return;
-    auto [a, b] = surface.edges[static_cast<size_t>(e)];
-    auto [c, d] = surface.edges[static_cast<size_t>(f)];
+    auto [a, b] = edges[e];
+    auto [c, d] = edges[f];
     if (b == c || b == d) std::swap(a, b);
     if (a == d) std::swap(c, d);
-    if (surface.apart(a, c)) return;
+    if (apart(a, c)) return;
     if (a != c) {
       found = segments_meet(x.col(a), x.col(b), x.col(c), x.col(d));
     } else {
@@ -495,13 +342,15 @@ bool Contact::intersects(const Eigen::VectorXd& u) const {
               (orientation(x.col(a), x.col(b), x.col(d)) == 0 && (x.col(b) - x.col(a)).dot(x.col(d) - x.col(a)) > 0);
     }
   };
-  for (int e = 0; e < surface.body_edges && !found; ++e) {
-    const auto& [a, b] = surface.edges[static_cast<size_t>(e)];
-    const Surface::Box box = place(a).merged(place(b));
-    surface.body_tree.visit(boxes.body, box, [&](int f) { look(e, f); });
-    surface.obstacle_tree.visit(boxes.obstacles, box, [&](int f) { look(e, surface.body_edges + f); });
+  for (int e = 0; e < body_edges && !found; ++e) {
+    const auto& [a, b] = edges[e];
+    const Box box = place(a).merged(place(b));
+    body_tree.visit(boxes.body, box, [&](int f) { look(e, f); });
+    obstacle_tree.visit(boxes.obstacles, box, [&](int f) { look(e, body_edges + f); });
   }
   return found;
 }
+
+template class SurfaceContact<PlaneSurface, ContactSettings, ContactPair>;
 
 }  // namespace taut

@@ -1,32 +1,17 @@
 #pragma once
-#include <Eigen/Core>
 #include <array>
-#include <memory>
 #include <vector>
 
-#include "sim/mesh/mesh.hpp"
-#include "sim/model/term.hpp"
+#include "sim/contact/contact_term.hpp"
 
 namespace taut {
 
-/// A fixed plane with its admissible side: x is admissible when (x - point) . normal > 0.
-struct GroundPlane {
-  Eigen::Vector3d point;   ///< [m]
-  Eigen::Vector3d normal;  ///< unit length
-};
+using GroundPlane = Ground<3>;
 
 /// What may touch what in space, and by which numbers of the parameter table.
-struct Contact3dSettings {
+struct Contact3dSettings : ContactSides<3> {
   /// Mesh nodes of flat boundary triangles, outward oriented, each once.
   std::vector<std::array<int, 3>> triangles;
-  /// Per triangle: table index of kappa > 0 [Pa]. A pair takes the smaller of its two sides' values; a node or an edge
-  /// has the smallest of its triangles'.
-  std::vector<int> stiffness;
-  std::vector<GroundPlane> grounds;       ///< fixed half-spaces
-  int ground_stiffness = -1;              ///< table index of kappa of the grounds; -1: they take the body's
-  int gap = -1;                           ///< table index of dhat > 0 [m]: the distance at which the barrier sets in
-  std::vector<int> part;                  ///< per mesh node: the part of the mesh it is of; empty: there is one
-  std::vector<std::array<int, 2>> apart;  ///< pairs of parts that do not see each other: what a joint connects
 };
 
 /// Flat triangles of a 3D mesh's boundary, outward oriented; a quadratic facet gives four, split at its mid-nodes.
@@ -72,40 +57,7 @@ struct ContactPair3 {
 ///
 /// After Li et al. 2020 (Incremental Potential Contact) and, for weights, edges and vertices, Li et al. 2023
 /// (Convergent Incremental Potential Contact); that the edges' barrier is shorter and w_i a projection is our own.
-class Contact3d : public Term {
- public:
-  static constexpr double edge_reach = 0.25;  ///< of the gap: where the barrier of two edges begins
-
-  /// Throws std::logic_error for a plane mesh, triangles outside the mesh or without area, or missing parameters;
-  /// InputError for grounds without direction.
-  Contact3d(const Mesh& mesh, Contact3dSettings settings);
-  ~Contact3d() override;
-
-  /// Pairs vary with the state: Hessian entries are couplings. Curvature::projected makes each pair's Hessian positive
-  /// semi-definite.
-  void assemble(const Point& at, Assembly& out) const override;
-  /// True for dhat and every kappa.
-  bool depends_on(int index) const override;
-  /// Where two kappas are equal, the derivative is that of the one with the lower index.
-  void add_parameter_gradient(const Point& at, int index, Eigen::VectorXd& out) const override;
-  /// At every time on the way the distance of a node and a triangle, or of two edges, stays above a tenth of the
-  /// clearance at the start: the smallest distance to anything in its way that one of the pair's nodes, or a triangle
-  /// or edge at it, has. The limit is below 1 only where some pair comes down to two tenths of its own distance. 0 for
-  /// steps that are not finite and from states that touch.
-  double step_limit(const Point& at, const Eigen::VectorXd& step) const override;
-
-  /// Pairs closer than dhat, sorted by kind, first and second. `brute_force` looks at all pairs (for tests).
-  std::vector<ContactPair3> active_pairs(const Point& at, bool brute_force = false) const;
-  /// Smallest distance [m] between a node and a triangle, or two edges, that share no node, or a node and a ground
-  /// (negative behind it), looked for up to `horizon`; +inf when nothing is nearer than that.
-  double smallest_distance(const Eigen::VectorXd& u, double horizon) const;
-  /// Whether an edge meets a triangle with which it shares no node, or a node lies on or behind a ground. Exact for the
-  /// positions X + u as rounded, and independent of the distances.
-  bool intersects(const Eigen::VectorXd& u) const;
-
- private:
-  struct Surface;
-  std::unique_ptr<const Surface> surface_;
-};
+struct SpaceSurface;
+using Contact3d = SurfaceContact<SpaceSurface, Contact3dSettings, ContactPair3>;
 
 }  // namespace taut

@@ -6,6 +6,8 @@
 #include <cmath>
 #include <numeric>
 
+#include "sim/contact/exact_sum.hpp"
+
 namespace taut {
 namespace {
 
@@ -170,32 +172,14 @@ int orientation(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen:
   if (std::abs(area) > 3.3306690738754731e-16 * (std::abs(left) + std::abs(right))) return area > 0 ? 1 : -1;
 
   // area = ax by - ay bx + bx cy - by cx + cx ay - cy ax as a sum of 12 doubles without rounding.
-  std::array<double, 13> expansion{};  // grows by one component with each double; the last non-zero one has its sign
-  size_t size = 0;
-  const auto add = [&](double x) {
-    double carried = x;
-    for (size_t i = 0; i < size; ++i) {
-      const double sum = carried + expansion[i], virtual_part = sum - carried;
-      expansion[i] = (carried - (sum - virtual_part)) + (expansion[i] - virtual_part);
-      carried = sum;
-    }
-    expansion[size++] = carried;
-  };
-  const auto add_product = [&](double x, double y) {
-    const double product = x * y;
-    add(std::fma(x, y, -product));
-    add(product);
-  };
-  add_product(a[0], b[1]);
-  add_product(-a[1], b[0]);
-  add_product(b[0], c[1]);
-  add_product(-b[1], c[0]);
-  add_product(c[0], a[1]);
-  add_product(-c[1], a[0]);
-  for (size_t i = size; i-- > 0;) {
-    if (expansion[i] != 0) return expansion[i] > 0 ? 1 : -1;
-  }
-  return 0;
+  ExactSum<13> sum;
+  sum.add_product(a[0], b[1]);
+  sum.add_product(-a[1], b[0]);
+  sum.add_product(b[0], c[1]);
+  sum.add_product(-b[1], c[0]);
+  sum.add_product(c[0], a[1]);
+  sum.add_product(-c[1], a[0]);
+  return sum.sign();
 }
 
 bool segments_meet(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen::Vector2d& c,

@@ -5,18 +5,22 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
+#include <initializer_list>
 #include <limits>
+#include <span>
 #include <stdexcept>
 #include <string_view>
 #include <utility>
 #include <vector>
 
+#include "sim/contact/contact_term.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/parameters.hpp"
+#include "sim/core/sorted.hpp"
 #include "sim/mesh/mesh.hpp"
 
-// What the surfaces of contact in the plane and in space have in common; kinds of features, their distances and their
-// derivatives stand with each.
+// What contact in the plane and in space have in common; kinds of features, their distances and their derivatives stand
+// with each.
 namespace taut {
 
 /// The kappa of a pair: the smaller value, and between equals the lower index; -1 stands for "the other's".
@@ -26,26 +30,93 @@ inline int softer(const Params& p, int one, int two) {
   return std::min(one, two);
 }
 
+/// The kappa of a feature that belongs to these others.
+inline int softest(const Params& p, std::span<const int> features, const std::vector<int>& stiffness) {
+  int least = -1;
+  for (int feature : features) least = softer(p, least, stiffness[feature]);
+  return least;
+}
+
 /// A list of numbers per feature.
 struct IndexLists {
   std::vector<size_t> offsets{0};
   std::vector<int> items;
-  std::pair<const int*, const int*> operator[](int i) const {
-    return {items.data() + offsets[static_cast<size_t>(i)], items.data() + offsets[static_cast<size_t>(i) + 1]};
-  }
-  void add(const std::vector<int>& list) {
-    items.insert(items.end(), list.begin(), list.end());
-    offsets.push_back(items.size());
-  }
+  std::span<const int> operator[](int i) const { return {items.data() + offsets[i], items.data() + offsets[i + 1]}; }
   void assign(const std::vector<std::vector<int>>& lists) {
-    for (const std::vector<int>& list : lists) add(list);
+    for (const std::vector<int>& list : lists) {
+      items.insert(items.end(), list.begin(), list.end());
+      offsets.push_back(items.size());
+    }
   }
 };
+
+/// weight * kappa * b(distance) of a vertex and another vertex, an edge, a triangle or a ground, or of two edges.
+struct Interaction {
+  enum class Kind { vertex, edge, triangle, edges, ground };
+  Kind kind;
+  int first, second;  ///< vertex and other feature, or edges
+  int stiffness;      ///< table index
+  double weight;      ///< without kappa; negative where a feature is taken back
+  double distance;    ///< [m]
+};
+
+/// What is asked of a pair's energy f: f, f' and f'' by its distance, and which Hessian.
+struct OfDistance {
+  double value = 0, first = 0, second = 0;
+  bool wants_hessian = false;
+  Curvature curvature = Curvature::exact;
+};
+
+/// Gradient of a pair's energy and, where asked for, its Hessian, on the nodes that take part.
+template <int D, int most>
+struct Local {
+  int count = 0;
+  std::array<int, most> nodes{};
+  Eigen::Matrix<double, Eigen::Dynamic, 1, 0, D * most, 1> gradient;
+  Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor, D * most, D * most> hessian;
+
+  void use(const std::vector<int>& mesh_nodes, std::initializer_list<int> vertices) {
+    count = 0;
+    for (int v : vertices) nodes[count++] = mesh_nodes[v];
+  }
+};
+
+/// Two features that come nearer than some reach: a vertex and an edge or a triangle, or two edges.
+template <class Closest>
+struct Near {
+  int first, second;
+  Closest closest;
+  bool operator<(const Near& other) const { return std::pair(first, second) < std::pair(other.first, other.second); }
+};
+
+/// action(span) for the runs of pairs, which are sorted, with one vertex.
+template <class Pair, class Action>
+void each_vertex(const std::vector<Pair>& pairs, Action&& action) {
+  for (size_t begin = 0, end = 0; begin < pairs.size(); begin = end) {
+    while (end < pairs.size() && pairs[end].first == pairs[begin].first) ++end;
+    action(std::span(pairs).subspan(begin, end - begin));
+  }
+}
+
+/// The facets of a mesh's boundary, each cut into pieces of these nodes of its own.
+template <size_t N>
+std::vector<std::array<int, N>> pieces_of_boundary(const Mesh& mesh, const std::vector<std::array<int, N>>& pieces) {
+  const Tag facets = boundary(mesh);
+  std::vector<std::array<int, N>> all;
+  for (int f = 0; f < facets.count(); ++f) {
+    for (std::array<int, N> piece : pieces) {
+      for (int& node : piece) node = facets.entity(f)[node];
+      all.push_back(piece);
+    }
+  }
+  return all;
+}
 
 /// Vertices of a boundary in D dimensions: the nodes of its features in ascending order, then others that stay where
 /// they are. Grounds are half-spaces {x: (x - point) . normal > 0}. Settings are ContactSettings or Contact3dSettings.
 template <int D, class Settings>
 struct ContactSurface {
+  static constexpr int dimension = D;
   using Place = Eigen::Matrix<double, D, 1>;
   using Places = Eigen::Matrix<double, D, Eigen::Dynamic>;
   using Box = Eigen::AlignedBox<double, D>;
@@ -56,7 +127,7 @@ struct ContactSurface {
     Places u;
     Place from(int b, int a) const { return (surface.X.col(a) - surface.X.col(b)) + (u.col(a) - u.col(b)); }
     double height(int ground, int v) const {
-      const auto& plane = surface.settings.grounds[static_cast<size_t>(ground)];
+      const auto& plane = surface.settings.grounds[ground];
       return (surface.X.col(v) - plane.point).dot(plane.normal) + u.col(v).dot(plane.normal);
     }
     Places positions() const { return surface.X + u; }
@@ -82,7 +153,7 @@ struct ContactSurface {
     if (settings.gap < 0) throw std::logic_error("contact: no parameter for the gap");
     if (settings.stiffness.size() != features.size())
       throw std::logic_error(fmt::format("contact: each feature ({}) needs a stiffness", what));
-    if (!settings.apart.empty() && settings.part.size() != static_cast<size_t>(mesh.node_count()))
+    if (!settings.apart.empty() && static_cast<int>(settings.part.size()) != mesh.node_count())
       throw std::logic_error("contact: parts that do not see each other need the part of each node");
     for (const auto& feature : features) {
       for (int node : feature) {
@@ -93,10 +164,9 @@ struct ContactSurface {
     }
     if (std::any_of(settings.stiffness.begin(), settings.stiffness.end(), [](int index) { return index < 0; }))
       throw std::logic_error(fmt::format("contact: {} has no stiffness", what));
-    std::sort(nodes.begin(), nodes.end());
-    nodes.erase(std::unique(nodes.begin(), nodes.end()), nodes.end());
+    sort_unique(nodes);
     X.resize(D, moving());
-    for (int v = 0; v < moving(); ++v) X.col(v) = mesh.node(nodes[static_cast<size_t>(v)]);
+    for (int v = 0; v < moving(); ++v) X.col(v) = mesh.node(nodes[v]);
     std::vector<std::array<int, N>> numbered = features;
     for (auto& feature : numbered) {
       for (int& v : feature) v = static_cast<int>(std::lower_bound(nodes.begin(), nodes.end(), v) - nodes.begin());
@@ -117,9 +187,7 @@ struct ContactSurface {
   /// Two vertices of parts that do not see each other.
   bool apart(int v, int w) const {
     if (settings.apart.empty() || v >= moving() || w >= moving()) return false;
-    const auto part_of = [&](int vertex) {
-      return settings.part[static_cast<size_t>(nodes[static_cast<size_t>(vertex)])];
-    };
+    const auto part_of = [&](int vertex) { return settings.part[nodes[vertex]]; };
     const int one = part_of(v), two = part_of(w);
     return one != two && std::any_of(settings.apart.begin(), settings.apart.end(), [&](const auto& pair) {
              return (pair[0] == one && pair[1] == two) || (pair[0] == two && pair[1] == one);
@@ -128,8 +196,7 @@ struct ContactSurface {
 
   State state(const Eigen::VectorXd& all) const {
     State s{*this, Places::Zero(D, vertices())};
-    for (int v = 0; v < moving(); ++v)
-      s.u.col(v) = all.template segment<D>(D * Eigen::Index(nodes[static_cast<size_t>(v)]));
+    for (int v = 0; v < moving(); ++v) s.u.col(v) = all.template segment<D>(D * nodes[v]);
     return s;
   }
 
@@ -137,7 +204,7 @@ struct ContactSurface {
   template <class BoxOf, class Iterator>
   static std::vector<Box> boxes_of(Iterator begin, Iterator end, BoxOf&& box_of) {
     std::vector<Box> boxes;
-    boxes.reserve(static_cast<size_t>(end - begin));
+    boxes.reserve(end - begin);
     for (; begin != end; ++begin) {
       Box box;
       for (int v : *begin) box.extend(box_of(v));
@@ -164,37 +231,108 @@ struct ContactSurface {
   /// Largest fraction of a step, at most 1, on which every vertex keeps a tenth of its height over the grounds.
   double ground_limit(const State& s, const State& change) const {
     double limit = 1;
-    for (int g = 0; g < ground_count(); ++g) {
-      for (int v = 0; v < moving(); ++v) {
-        const double height = s.height(g, v);
-        const double fall = -change.u.col(v).dot(settings.grounds[static_cast<size_t>(g)].normal);
-        if (fall > 0 && 0.9 * height < limit * fall) limit = std::max(0.0, 0.9 * height / fall);
-      }
-    }
+    each_height(s, [&](int g, int v, double height) {
+      const double fall = -change.u.col(v).dot(settings.grounds[g].normal);
+      if (fall > 0 && 0.9 * height < limit * fall) limit = std::max(0.0, 0.9 * height / fall);
+    });
     return limit;
   }
 
-  /// Smallest height of a vertex over a ground (negative behind it); +inf when none is below `horizon`.
-  double lowest(const State& s, double horizon) const {
-    double lowest = std::numeric_limits<double>::infinity();
+  /// action(ground, vertex, height) for all that could meet.
+  template <class Action>
+  void each_height(const State& s, Action&& action) const {
     for (int g = 0; g < ground_count(); ++g) {
-      for (int v = 0; v < moving(); ++v) {
-        const double height = s.height(g, v);
-        if (height < horizon) lowest = std::min(lowest, height);
-      }
+      for (int v = 0; v < moving(); ++v) action(g, v, s.height(g, v));
     }
-    return lowest;
-  }
-
-  /// Whether a vertex lies on or behind a ground, or nowhere.
-  bool behind_a_ground(const State& s) const {
-    for (int g = 0; g < ground_count(); ++g) {
-      for (int v = 0; v < moving(); ++v) {
-        if (!(s.height(g, v) > 0)) return true;
-      }
-    }
-    return false;
   }
 };
+
+template <class Surface, class Settings, class Pair>
+SurfaceContact<Surface, Settings, Pair>::SurfaceContact(const Mesh& mesh, Settings settings)
+    : surface_(std::make_unique<const Surface>(mesh, std::move(settings))) {}
+template <class Surface, class Settings, class Pair>
+SurfaceContact<Surface, Settings, Pair>::~SurfaceContact() = default;
+
+template <class Surface, class Settings, class Pair>
+void SurfaceContact<Surface, Settings, Pair>::assemble(const Point& at, Assembly& out) const {
+  const typename Surface::State s = surface_->state(at.u);
+  const double scale = surface_->scale(at.p);
+  typename Surface::Local local;
+  for (const Interaction& i : surface_->interactions(s, at.p)) {
+    if (!(i.distance > 0) && !surface_->penalty()) return out.add_energy(std::numeric_limits<double>::infinity());
+    const auto law = surface_->law(i, at.p);
+    const double factor = scale * at.p[i.stiffness] * i.weight, mollified = surface_->mollified(s, i);
+    OfDistance f{factor * law.value(i.distance), 0, 0, out.wants_hessian(), out.curvature};
+    out.add_energy(factor * mollified * law.value(i.distance));
+    if (i.distance == 0 && i.kind != Interaction::Kind::ground) continue;  // a spring of no direction
+    f.first = factor * law.slope(i.distance);
+    // Displacements are rounded, and with them the distance.
+    out.magnitude += std::abs(mollified * f.first) * s.u.col(surface_->vertex_of(i)).cwiseAbs().maxCoeff();
+    if (out.gradient == nullptr && !f.wants_hessian) continue;
+    if (f.wants_hessian) f.second = factor * law.curvature(i.distance);
+    surface_->differentiate(s, i, f, local);
+    constexpr int D = Surface::dimension;
+    if (out.gradient != nullptr) out.add_gradient(local.nodes.data(), local.count, D, local.gradient.data());
+    if (f.wants_hessian) out.add_coupling(local.nodes.data(), local.count, D, local.hessian.data());
+  }
+}
+
+template <class Surface, class Settings, class Pair>
+bool SurfaceContact<Surface, Settings, Pair>::depends_on(int index) const {
+  const Settings& settings = surface_->settings;
+  if (index < 0) return false;
+  return index == settings.gap || index == settings.obstacle_stiffness || index == surface_->thickness() ||
+         std::find(settings.stiffness.begin(), settings.stiffness.end(), index) != settings.stiffness.end();
+}
+
+template <class Surface, class Settings, class Pair>
+void SurfaceContact<Surface, Settings, Pair>::add_parameter_gradient(const Point& at, int index,
+                                                                     Eigen::VectorXd& out) const {
+  if (!depends_on(index)) return;
+  const typename Surface::State s = surface_->state(at.u);
+  typename Surface::Local local;
+  for (const Interaction& i : surface_->interactions(s, at.p)) {
+    const OfDistance f = surface_->parameter_derivative(i, at.p, index);
+    if (f.value == 0 && f.first == 0) continue;
+    if (i.distance == 0 && i.kind != Interaction::Kind::ground) continue;
+    surface_->differentiate(s, i, f, local);
+    constexpr int D = Surface::dimension;
+    for (int k = 0; k < local.count; ++k)
+      out.segment<D>(D * local.nodes[k]) += local.gradient.template segment<D>(D * k);
+  }
+}
+
+template <class Surface, class Settings, class Pair>
+double SurfaceContact<Surface, Settings, Pair>::step_limit(const Point& at, const Eigen::VectorXd& step) const {
+  if (surface_->penalty()) return 1;
+  if (!step.allFinite() || !at.u.allFinite()) return 0;
+  const typename Surface::State s = surface_->state(at.u), change = surface_->state(step);
+  return surface_->step_limit(s, change, surface_->ground_limit(s, change));
+}
+
+template <class Surface, class Settings, class Pair>
+std::vector<Pair> SurfaceContact<Surface, Settings, Pair>::active_pairs(const Point& at, bool brute_force) const {
+  return surface_->active_pairs(surface_->state(at.u), at.p[surface_->settings.gap], brute_force);
+}
+
+template <class Surface, class Settings, class Pair>
+double SurfaceContact<Surface, Settings, Pair>::smallest_distance(const Eigen::VectorXd& u, double horizon) const {
+  const typename Surface::State s = surface_->state(u);
+  double smallest = std::numeric_limits<double>::infinity();
+  const auto consider = [&](double distance) {
+    if (distance < horizon) smallest = std::min(smallest, distance);
+  };
+  surface_->each_height(s, [&](int, int, double height) { consider(height); });
+  surface_->each_distance(s, horizon, consider);
+  return smallest;
+}
+
+template <class Surface, class Settings, class Pair>
+bool SurfaceContact<Surface, Settings, Pair>::intersects(const Eigen::VectorXd& u) const {
+  const typename Surface::State s = surface_->state(u);
+  bool behind = false;
+  surface_->each_height(s, [&](int, int, double height) { behind = behind || !(height > 0); });
+  return behind || surface_->intersects(s.positions());
+}
 
 }  // namespace taut

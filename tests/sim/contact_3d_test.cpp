@@ -132,7 +132,7 @@ TermUnderTest contact_case(bool ground, unsigned seed) {
   for (size_t t = 7; t < settings.stiffness.size(); ++t) settings.stiffness[t] = hard;
   if (ground) {
     settings.grounds = {{{0, 0, -0.3}, Vector3d(0.1, 0.05, 1)}};
-    settings.ground_stiffness = seed % 2 == 0 ? hard : -1;
+    settings.obstacle_stiffness = seed % 2 == 0 ? hard : -1;
   }
   for (double noise = 0.03;; noise *= 0.9) {
     Eigen::VectorXd u = noise * random_vector(surface.mesh.X.size(), random);

@@ -1,0 +1,70 @@
+#pragma once
+#include <Eigen/Core>
+#include <array>
+#include <memory>
+#include <vector>
+
+#include "sim/mesh/mesh.hpp"
+#include "sim/model/term.hpp"
+
+namespace taut {
+
+/// A fixed half-space with its admissible side: x is admissible when (x - point) . normal > 0.
+template <int D>
+struct Ground {
+  Eigen::Matrix<double, D, 1> point;   ///< [m]
+  Eigen::Matrix<double, D, 1> normal;  ///< unit length
+};
+
+/// What contact in the plane and in space ask for alike, by numbers of the parameter table.
+template <int D>
+struct ContactSides {
+  /// Per edge or triangle: table index of kappa > 0 [Pa]; [N/m] in the pair sums. A pair takes the smaller of its two
+  /// sides' values, and a node or an edge has the smallest of those that it belongs to.
+  std::vector<int> stiffness;
+  std::vector<Ground<D>> grounds;         ///< fixed half-spaces; they carry their whole pressure at the bodies' nodes
+  int obstacle_stiffness = -1;            ///< table index of kappa of obstacles and grounds; -1: they take the body's
+  int gap = -1;                           ///< table index of dhat > 0 [m]: the distance at which the barrier sets in
+  std::vector<int> part;                  ///< per mesh node: the part of the mesh it is of; empty: there is one
+  std::vector<std::array<int, 2>> apart;  ///< pairs of parts that do not see each other: what a joint connects
+};
+
+/// Contact without friction: a barrier between the features of a boundary, and between those and what is fixed, that
+/// grows without bound as their distance goes to zero. Contact and Contact3d are its two kinds.
+template <class Surface, class Settings, class Pair>
+class SurfaceContact : public Term {
+ public:
+  /// Throws std::logic_error for a mesh of another dimension, features outside the mesh or without measure, or missing
+  /// parameters; InputError for obstacles with repeated or too few points and grounds without direction.
+  SurfaceContact(const Mesh& mesh, Settings settings);
+  ~SurfaceContact() override;
+
+  /// Pairs vary with the state: Hessian entries are couplings. Curvature::projected makes each pair's Hessian positive
+  /// semi-definite.
+  void assemble(const Point& at, Assembly& out) const override;
+  /// True for dhat, every kappa and, where it counts, the thickness.
+  bool depends_on(int index) const override;
+  /// Where two kappas are equal, the derivative is that of the one with the lower index.
+  void add_parameter_gradient(const Point& at, int index, Eigen::VectorXd& out) const override;
+  /// At every time on the way the distance of a pair stays above a tenth of the clearance at the start: in the plane
+  /// the distance of its node, or of an end of its edge, to the nearest edge (or ground); in space the smallest
+  /// distance to anything in its way that one of the pair's nodes, or a triangle or edge at it, has. The limit is below
+  /// 1 only where some pair comes down to two tenths of its own distance. 0 for steps that are not finite and from
+  /// states that touch. Always 1 for the penalty.
+  double step_limit(const Point& at, const Eigen::VectorXd& step) const override;
+
+  /// Pairs closer than dhat, sorted by their numbers. `brute_force` looks at all pairs (for tests).
+  std::vector<Pair> active_pairs(const Point& at, bool brute_force = false) const;
+  /// Smallest distance [m] between features that share no node, or a node and a ground (negative behind it), looked for
+  /// up to `horizon`; +inf when nothing is nearer than that.
+  double smallest_distance(const Eigen::VectorXd& u, double horizon) const;
+  /// Whether edges meet (in space, an edge and a triangle) other than neighbours in their common nodes, or a node lies
+  /// on or behind a ground. Exact for the positions X + u as rounded, and independent of the distances; O(n log n).
+  /// Obstacles may cross each other.
+  bool intersects(const Eigen::VectorXd& u) const;
+
+ private:
+  std::unique_ptr<const Surface> surface_;
+};
+
+}  // namespace taut
