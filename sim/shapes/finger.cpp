@@ -75,10 +75,6 @@ std::vector<ShapeKey> Finger::keys() {
   };
 }
 
-std::vector<MeshKey> Finger::mesh_keys() const {
-  return {{MeshKey::size, "size", "of the elements, about"}};
-}
-
 void Finger::check() const {
   const Finger& f = *this;
   const auto fail = [](const std::string& what) { throw InputError("finger: " + what); };
@@ -101,19 +97,22 @@ void Finger::check() const {
                      1e3 * f.segment_length, 1e3 * (2 * lean + 1e-3)));
 }
 
-Mesh mesh_finger(const Finger& finger, double size, int order, double inset) {
-  finger.check();
+Mesh Finger::mesh(const MeshSettings& settings, bool contact, bool compensate) const {
+  check();
+  const Finger& finger = *this;
+  // Taken off every lip's face, see mesh_push_puppet().
+  const double inset = contact && compensate ? 0.5 * resting_distance * contact_gap(settings, 0.1) : 0.0;
   const std::vector<Frame> joints = joints_of(finger);
   const auto [top_left, tip] = ends(finger, joints);
   std::vector<PolygonRegion> regions;
   for (int k = 0; k < finger.segments; ++k) {
     const bool first = k == 0, last = k + 1 == finger.segments;
     // Counter-clockwise: up the right side, down the left one.
-    std::vector<Eigen::Vector2d> points = last ? std::vector<Eigen::Vector2d>{tip(0, 0), tip(0, finger.height)}
-                                               : face(finger, joints[static_cast<size_t>(k)], -1, inset);
+    std::vector<Eigen::Vector2d> points =
+        last ? std::vector<Eigen::Vector2d>{tip(0, 0), tip(0, finger.height)} : face(finger, joints[k], -1, inset);
     const size_t right = points.size();
-    std::vector<Eigen::Vector2d> left = first ? std::vector<Eigen::Vector2d>{{0, 0}, top_left}
-                                              : face(finger, joints[static_cast<size_t>(k) - 1], 1, inset);
+    std::vector<Eigen::Vector2d> left =
+        first ? std::vector<Eigen::Vector2d>{{0, 0}, top_left} : face(finger, joints[k - 1], 1, inset);
     points.insert(points.end(), left.rbegin(), left.rend());
     regions.push_back(polygon("plastic", points));
     if (last) regions.back().edge_tags[0] = "tip";
@@ -123,7 +122,7 @@ Mesh mesh_finger(const Finger& finger, double size, int order, double inset) {
     const std::vector<Eigen::Vector2d> left = face(finger, joint, -1, inset), right = face(finger, joint, 1, inset);
     regions.push_back(polygon("foam", {left[0], right[0], right[1], left[1]}));
   }
-  return mesh_polygons(regions, size, order);
+  return mesh_polygons(regions, settings.size, settings.order);
 }
 
 std::vector<Eigen::Vector2d> cable_path(const Finger& finger) {
@@ -136,12 +135,6 @@ std::vector<Eigen::Vector2d> cable_path(const Finger& finger) {
   }
   points.push_back(tip(0, y));
   return points;
-}
-
-Mesh Finger::mesh(const MeshSettings& settings, bool contact, bool compensate) const {
-  const bool shortened = contact && compensate;
-  return mesh_finger(*this, settings.size, settings.order,
-                     shortened ? 0.5 * resting_distance * contact_gap(settings, 0.1) : 0.0);
 }
 
 std::vector<Eigen::VectorXd> Finger::cable(size_t) const {

@@ -10,8 +10,10 @@ namespace taut {
 /// the lower side, and above the foam plastic lips that meet when a cable through them closes the joint. It turns
 /// upwards by `closing` at each joint as it stiffens. With `rest_turn` = 0 it is straight at rest and bends; with
 /// `rest_turn` = `closing` it is curled downwards at rest and straightens. Figs. 12 and 13 of the push-puppet paper.
-/// Lengths in metres, angles in radians.
-struct Finger final : Shape {
+/// Lengths in metres, angles in radians. Meshed by Gmsh; regions "foam" and "plastic", tags "base" (left face of the
+/// first segment) and "tip" (right face of the last one). The first segment's lower left corner is the origin.
+struct Finger final : ShapeOf<Finger, 2> {
+  static constexpr auto kind_name = "finger";
   int segments = 6;
   double segment_length = 10e-3;  ///< along the lower side
   double height = 16e-3;
@@ -24,21 +26,13 @@ struct Finger final : Shape {
   double cable_depth = 1.5e-3;  ///< the cable runs that far below the upper side
   double via_inset = 0.5e-3;    ///< via points lie that far inside every lip's face
 
-  std::unique_ptr<Shape> clone() const override { return std::make_unique<Finger>(*this); }
-  std::string kind() const override { return "finger"; }
-  int dimension() const override { return 2; }
   std::vector<ShapeKey> keys() override;
   void check() const override;
-  std::vector<MeshKey> mesh_keys() const override;
+  std::vector<MeshKey> mesh_keys() const override { return {size_of_elements}; }
   Mesh mesh(const MeshSettings& settings, bool contact, bool compensate) const override;
   std::vector<std::string> cable_names() const override { return {"cable"}; }
   std::vector<Eigen::VectorXd> cable(size_t index) const override;
 };
-
-/// Regions "foam" and "plastic"; tags "base" (left face of the first segment) and "tip" (right face of the last one).
-/// The first segment's lower left corner is the origin. `inset` [m] is taken off every lip's face, see
-/// mesh_push_puppet(). Meshed by Gmsh with elements of about `size`.
-Mesh mesh_finger(const Finger& finger, double size, int order, double inset = 0);
 
 /// Rest positions [m] of the cable's points in order: base face, the via points, tip face.
 std::vector<Eigen::Vector2d> cable_path(const Finger& finger);

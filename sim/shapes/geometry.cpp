@@ -53,7 +53,7 @@ std::vector<Eigen::VectorXd> own_cable(const GeometrySettings& geometry, const s
     throw InputError(fmt::format("'{}' is not a cable of a {}{}; allowed: {}", name, geometry.kind(),
                                  did_you_mean(name, names), join(names)));
   }
-  return geometry.shape->cable(static_cast<size_t>(found - names.begin()));
+  return geometry.shape->cable(found - names.begin());
 }
 
 std::string input_file(const GeometrySettings& geometry) {

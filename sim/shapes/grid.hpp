@@ -3,34 +3,32 @@
 
 namespace taut {
 
-/// A block on a grid of cells. Tags xmin ... zmax.
-struct Box final : Shape {
-  std::vector<double> size;                ///< [m]
-  std::vector<double> origin = {0, 0, 0};  ///< its lower corner [m]
+/// A block on a grid of cells.
+template <class Own, int D>
+struct Block : ShapeOf<Own, D> {
+  std::vector<double> size;                          ///< [m]
+  std::vector<double> origin = std::vector(D, 0.0);  ///< its lower corner [m]
   std::string region;
 
-  std::unique_ptr<Shape> clone() const override { return std::make_unique<Box>(*this); }
-  std::string kind() const override { return "box"; }
-  int dimension() const override { return 3; }
-  std::vector<ShapeKey> keys() override;
-  std::vector<MeshKey> mesh_keys() const override;
-  Mesh mesh(const MeshSettings& settings, bool contact, bool compensate) const override;
+  std::vector<ShapeKey> keys() override {
+    return {{"size", &size, Allowed::positive(), "lengths along the axes", Quantity::length, true},
+            {"origin", &origin, Allowed::any(), "corner with the lowest coordinates"},
+            {"region", &region, Allowed::any(), "name of its material", Quantity::pure, true}};
+  }
+  std::vector<MeshKey> mesh_keys() const override { return {{MeshKey::cells, "cells", "cells along each axis"}}; }
   std::vector<double> extent() const override { return size; }
 };
 
-/// The same in the plane. Tags xmin ... ymax; any of them may be the clamped end of a beam.
-struct Rectangle final : Shape {
-  std::vector<double> size;             ///< [m]
-  std::vector<double> origin = {0, 0};  ///< its lower left corner [m]
-  std::string region;
-
-  std::unique_ptr<Shape> clone() const override { return std::make_unique<Rectangle>(*this); }
-  std::string kind() const override { return "rectangle"; }
-  int dimension() const override { return 2; }
-  std::vector<ShapeKey> keys() override;
-  std::vector<MeshKey> mesh_keys() const override;
+/// In space. Tags xmin ... zmax.
+struct Box final : Block<Box, 3> {
+  static constexpr auto kind_name = "box";
   Mesh mesh(const MeshSettings& settings, bool contact, bool compensate) const override;
-  std::vector<double> extent() const override { return size; }
+};
+
+/// In the plane. Tags xmin ... ymax; any of them may be the clamped end of a beam.
+struct Rectangle final : Block<Rectangle, 2> {
+  static constexpr auto kind_name = "rectangle";
+  Mesh mesh(const MeshSettings& settings, bool contact, bool compensate) const override;
   std::vector<Spine> spines() const override;
 };
 

@@ -8,18 +8,12 @@ namespace taut {
 std::vector<ShapeKey> Boxes::keys() {
   return {{"box", &boxes, Allowed::any(), "region, lower and upper corner of each", Quantity::length, true}};
 }
-std::vector<MeshKey> Boxes::mesh_keys() const {
-  return {{MeshKey::size, "size", "of the elements, about"}};
-}
 Mesh Boxes::mesh(const MeshSettings& settings, bool, bool) const {
   return mesh_boxes(boxes, settings.size, settings.order);
 }
 
 std::vector<ShapeKey> Polygons::keys() {
   return {{"polygon", &polygons, Allowed::any(), "region, corners and names of edges of each", Quantity::length, true}};
-}
-std::vector<MeshKey> Polygons::mesh_keys() const {
-  return {{MeshKey::size, "size", "of the elements, about"}};
 }
 Mesh Polygons::mesh(const MeshSettings& settings, bool, bool) const {
   return mesh_polygons(polygons, settings.size, settings.order);
@@ -28,9 +22,6 @@ Mesh Polygons::mesh(const MeshSettings& settings, bool, bool) const {
 std::vector<ShapeKey> Disc::keys() {
   return {{"radius", &radius, Allowed::positive(), "of the disc", Quantity::length, true},
           {"region", &region, Allowed::any(), "name of its material", Quantity::pure, true}};
-}
-std::vector<MeshKey> Disc::mesh_keys() const {
-  return {{MeshKey::size, "size", "of the elements, about"}};
 }
 Mesh Disc::mesh(const MeshSettings& settings, bool, bool) const {
   PolygonRegion circle{region, {}, {}};

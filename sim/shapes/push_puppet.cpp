@@ -85,7 +85,7 @@ std::vector<ShapeKey> PushPuppet::keys() {
 }
 
 std::vector<MeshKey> PushPuppet::mesh_keys() const {
-  return {{MeshKey::size, "size", "of the elements, about"},
+  return {size_of_elements,
           {MeshKey::count, "lip_cells", "elements through a lip's thickness at least", PushPuppetMesh().lip_cells}};
 }
 
@@ -174,25 +174,20 @@ std::vector<Eigen::Vector2d> cable_path(const PushPuppet& module, int side) {
 
 namespace {
 
-void add(std::vector<DimensionLine>& lines, DimensionLine::Side side, double from, double to, double body,
-         const char* name) {
-  lines.push_back({side, from, to, body, name});
-}
-
 /// Lengths around the whole module.
 std::vector<DimensionLine> lines_around(const PushPuppet& m, const PushPuppetLayout& at) {
   std::vector<DimensionLine> lines;
   const double high = at.lip_high, plate = m.plate_thickness;
-  add(lines, DimensionLine::above, at.lip_length, at.lip_length + at.gap, high, "gap");
+  lines.push_back({DimensionLine::above, at.lip_length, at.lip_length + at.gap, high, "gap"});
   if (m.cells > 1) {
     const int web = m.cells / 2;  // the one after this many cells
-    add(lines, DimensionLine::above, web * at.pitch - m.web_thickness, web * at.pitch, high, "web");
+    lines.push_back({DimensionLine::above, web * at.pitch - m.web_thickness, web * at.pitch, high, "web"});
   }
-  add(lines, DimensionLine::above, at.tip - plate, at.tip, high, "plate");
-  add(lines, DimensionLine::below, 0, m.cell_length, -high, "cell");
-  if (m.cells > 1) add(lines, DimensionLine::below, 0, at.tip - plate, -high, "core");
-  add(lines, DimensionLine::below, -plate, at.tip, -high, "total");
-  add(lines, DimensionLine::right, -high, high, at.tip, "height");
+  lines.push_back({DimensionLine::above, at.tip - plate, at.tip, high, "plate"});
+  lines.push_back({DimensionLine::below, 0, m.cell_length, -high, "cell"});
+  if (m.cells > 1) lines.push_back({DimensionLine::below, 0, at.tip - plate, -high, "core"});
+  lines.push_back({DimensionLine::below, -plate, at.tip, -high, "total"});
+  lines.push_back({DimensionLine::right, -high, high, at.tip, "height"});
   return lines;
 }
 
@@ -202,19 +197,19 @@ std::vector<DimensionLine> lines_of_gap(const PushPuppet& m, const PushPuppetLay
   const double lip = at.lip_length, face = lip + at.gap;  // the end faces of the left and the right lip
   if (at.groove_depth > 0) {
     const double tongue = 0.5 * m.stud_thickness, groove = tongue + m.stud_play;
-    add(lines, DimensionLine::below, lip, lip + m.stud_length, at.middle - tongue, "stud");
-    add(lines, DimensionLine::below, face, face + at.groove_depth, at.middle - groove, "groove");
-    add(lines, DimensionLine::left, at.middle - tongue, at.middle + tongue, lip, "stud");
-    add(lines, DimensionLine::right, at.middle - groove, at.middle + groove, face, "groove");
+    lines.push_back({DimensionLine::below, lip, lip + m.stud_length, at.middle - tongue, "stud"});
+    lines.push_back({DimensionLine::below, face, face + at.groove_depth, at.middle - groove, "groove"});
+    lines.push_back({DimensionLine::left, at.middle - tongue, at.middle + tongue, lip, "stud"});
+    lines.push_back({DimensionLine::right, at.middle - groove, at.middle + groove, face, "groove"});
   }
-  add(lines, DimensionLine::above, 0, lip, at.thin_high, "left lip");
-  add(lines, DimensionLine::above, lip, face, at.thin_high, "gap");
-  add(lines, DimensionLine::above, face, m.cell_length, at.lip_high, "right lip");
-  add(lines, DimensionLine::below, lip - m.via_inset, lip, std::abs(m.cable_offset), "via inset");
-  add(lines, DimensionLine::left, at.thin_low, at.thin_high, 0, "left lip");
-  if (m.lip_relief > 0) add(lines, DimensionLine::left, at.thin_high, at.lip_high, 0, "relief");
-  add(lines, DimensionLine::right, at.lip_low, at.lip_high, m.cell_length, "right lip");
-  add(lines, DimensionLine::right, 0.5 * m.core_height, at.lip_low, m.cell_length, "clearance");
+  lines.push_back({DimensionLine::above, 0, lip, at.thin_high, "left lip"});
+  lines.push_back({DimensionLine::above, lip, face, at.thin_high, "gap"});
+  lines.push_back({DimensionLine::above, face, m.cell_length, at.lip_high, "right lip"});
+  lines.push_back({DimensionLine::below, lip - m.via_inset, lip, std::abs(m.cable_offset), "via inset"});
+  lines.push_back({DimensionLine::left, at.thin_low, at.thin_high, 0, "left lip"});
+  if (m.lip_relief > 0) lines.push_back({DimensionLine::left, at.thin_high, at.lip_high, 0, "relief"});
+  lines.push_back({DimensionLine::right, at.lip_low, at.lip_high, m.cell_length, "right lip"});
+  lines.push_back({DimensionLine::right, 0.5 * m.core_height, at.lip_low, m.cell_length, "clearance"});
   return lines;
 }
 

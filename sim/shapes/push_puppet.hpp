@@ -8,7 +8,8 @@ namespace taut {
 /// A push-puppet module in 2D: foam cells between plastic webs, plastic lips that meet when the cables are retracted.
 /// Axis x, up y, symmetric about y = 0; the foam starts at x = 0. Lengths in metres. The defaults are the reference
 /// module.
-struct PushPuppet final : Shape {
+struct PushPuppet final : ShapeOf<PushPuppet, 2> {
+  static constexpr auto kind_name = "push_puppet";
   int cells = 4;
   double cell_length = 11.5e-3;  ///< foam between two webs
   double core_height = 30e-3;    ///< of the foam
@@ -27,9 +28,6 @@ struct PushPuppet final : Shape {
   double tip_bracket = 0;         ///< the same at the tip plate
   double bracket_height = 10e-3;  ///< of both, across the axis, up to the next line of the mesh
 
-  std::unique_ptr<Shape> clone() const override { return std::make_unique<PushPuppet>(*this); }
-  std::string kind() const override { return "push_puppet"; }
-  int dimension() const override { return 2; }
   std::vector<ShapeKey> keys() override;
   /// With studs the play must be positive; a tongue longer than the gap at rest starts inside its groove. Without
   /// relief the faces' corners meet corner on corner: allowed, not advised.

@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "sim/core/error.hpp"
-#include "sim/mesh/topology.hpp"
+#include "sim/mesh/structured.hpp"
 #include "sim/shapes/push_puppet.hpp"
 
 namespace taut {
@@ -18,9 +18,8 @@ namespace {
 
 /// End points of `cells` equal steps from `first` to `last`, both exact.
 std::vector<double> spread(double first, double last, int cells) {
-  std::vector<double> lines;
-  for (int i = 0; i < cells; ++i) lines.push_back(first + (last - first) * i / cells);
-  lines.push_back(last);
+  std::vector<double> lines{first};
+  step_to(lines, last, cells);
   return lines;
 }
 
@@ -129,16 +128,11 @@ struct Lines {
 
     web = spread(0.0, 0.5 * m.core_height, cells_along(0.5 * m.core_height, mesh.size));
     foam_cells = static_cast<int>(web.size()) - 1;
-    append(at.lip_low, cells_along(m.clearance, mesh.size));
+    step_to(web, at.lip_low, cells_along(m.clearance, mesh.size));
     lip_start = static_cast<int>(web.size()) - 1;
-    if (relief_cells > 0) append(at.thin_low, low_relief_cells);
-    append(at.thin_high, thin_cells);
-    if (relief_cells > 0) append(at.lip_high, relief_cells - low_relief_cells);
-  }
-
-  void append(double to, int cells) {
-    const std::vector<double> part = spread(web.back(), to, cells);
-    web.insert(web.end(), part.begin() + 1, part.end());
+    if (relief_cells > 0) step_to(web, at.thin_low, low_relief_cells);
+    step_to(web, at.thin_high, thin_cells);
+    if (relief_cells > 0) step_to(web, at.lip_high, relief_cells - low_relief_cells);
   }
 
   std::vector<double> web;        ///< from the axis up
@@ -222,8 +216,8 @@ class Builder {
     region_.insert(region_.end(), region_.begin(), region_.begin() + static_cast<long>(upper_elements / 3));
     Mesh mesh;
     mesh.shape = ElementShape::tri3;
-    mesh.X.resize(2 * static_cast<Eigen::Index>(nodes_.size()));
-    for (size_t i = 0; i < nodes_.size(); ++i) mesh.X.segment<2>(2 * static_cast<Eigen::Index>(i)) = nodes_[i];
+    mesh.X.resize(2 * nodes_.size());
+    for (size_t i = 0; i < nodes_.size(); ++i) mesh.X.segment<2>(2 * i) = nodes_[i];
     mesh.elements = std::move(elements_);
     mesh.region = std::move(region_);
     return mesh;
@@ -323,20 +317,6 @@ void check_mesh(const PushPuppet& m, const PushPuppetMesh& mesh, double inset) {
   }
 }
 
-/// Facets whose nodes all have the abscissa `x`.
-Tag facets_at(const Mesh& mesh, const Tag& facets, double x) {
-  Tag tag{facets.dimension, facets.nodes_per_entity, {}};
-  for (int f = 0; f < facets.count(); ++f) {
-    const auto first = facets.entities.begin() + f * facets.nodes_per_entity;
-    const auto last = first + facets.nodes_per_entity;
-    // Exact: a face is one column of nodes, all of which got the same number.
-    if (std::all_of(first, last, [&](int node) { return mesh.X[2 * node] == x; })) {
-      tag.entities.insert(tag.entities.end(), first, last);
-    }
-  }
-  return tag;
-}
-
 }  // namespace
 
 Mesh mesh_push_puppet(const PushPuppet& module, const PushPuppetMesh& settings, double inset) {
@@ -383,8 +363,9 @@ Mesh mesh_push_puppet(const PushPuppet& module, const PushPuppetMesh& settings, 
   Mesh mesh = builder.reflected();
   mesh.region_names = {"foam", "plastic"};
   const Tag outer = boundary(mesh);
-  mesh.tags["base"] = facets_at(mesh, outer, -module.plate_thickness);
-  mesh.tags["tip"] = facets_at(mesh, outer, tip_x);
+  // Exact: a face is one column of nodes, all of which got the same number.
+  for (const auto& [name, x] : {std::pair{"base", -module.plate_thickness}, std::pair{"tip", tip_x}})
+    mesh.tags[name] = outer.where([&, at = x](int node) { return mesh.X[2 * node] == at; });
   mesh.check("push-puppet module");
   return settings.order == 1 ? mesh : to_quadratic(mesh);
 }

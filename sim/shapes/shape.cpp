@@ -56,12 +56,6 @@ std::string in_mm(double length) {
   return fmt::format("{:.6g} mm", 1e3 * length);
 }
 
-void check_counts(std::string_view who, std::initializer_list<std::pair<std::string_view, int>> counts) {
-  for (const auto& [name, count] : counts) {
-    if (count < 1) throw InputError(fmt::format("{}: {} is {}; at least 1 is needed", who, name, count));
-  }
-}
-
 void Shape::check_keys(std::string_view who) const {
   const std::unique_ptr<Shape> own = clone();
   for (const ShapeKey& key : own->keys()) {
@@ -72,6 +66,13 @@ void Shape::check_keys(std::string_view who) const {
     if (length == nullptr || std::isinf(key.allowed.least) || key.allowed.holds(**length)) continue;
     throw InputError(fmt::format("{}: {} is {}; a positive length {}", who, key.key, in_mm(**length),
                                  key.allowed.open ? "is needed" : "or 0 for none is allowed"));
+  }
+}
+
+void Shape::check_counts(std::string_view who, const MeshSettings& settings) const {
+  for (const MeshKey& key : mesh_keys()) {
+    const int given = key.kind == MeshKey::count ? count(settings, key.key) : 1;
+    if (given < 1) throw InputError(fmt::format("{}: {} is {}; at least 1 is needed", who, key.key, given));
   }
 }
 

@@ -2,7 +2,6 @@
 #include <Eigen/Core>
 #include <climits>
 #include <cmath>
-#include <initializer_list>
 #include <map>
 #include <memory>
 #include <optional>
@@ -22,9 +21,9 @@ namespace taut {
 
 /// How finely and with which elements the geometry is resolved; [mesh], and what a [[fit.variant]] changes.
 struct MeshSettings {
-  std::vector<int> cells;                          ///< structured: cells along x, y(, z)
-  double size = 0;                                 ///< element size [m]
-  std::map<std::string, int, std::less<>> counts;  ///< elements by the names of a shape's mesh_keys()
+  std::vector<int> cells = {};                          ///< structured: cells along x, y(, z)
+  double size = 0;                                      ///< element size [m]
+  std::map<std::string, int, std::less<>> counts = {};  ///< elements by the names of a shape's mesh_keys()
   int depth_cells = 0;  ///< a 2D kind as a solid: elements across half of its thickness; 0: it is plane
   int order = 2;
   Formulation formulation = Formulation::standard;
@@ -121,17 +120,27 @@ class Shape {
  protected:
   /// The part of check() that follows from the table, for keys with a bound that are not required.
   void check_keys(std::string_view who) const;
+  /// The same for numbers of elements, as settings or the table of [mesh] have them.
+  void check_counts(std::string_view who, const MeshSettings& settings) const;
   /// settings.counts[key], or what the table says.
   int count(const MeshSettings& settings, std::string_view key) const;
 };
+
+/// A kind of specimen of D dimensions that says its `kind_name`.
+template <class Own, int D>
+struct ShapeOf : Shape {
+  std::unique_ptr<Shape> clone() const override { return std::make_unique<Own>(static_cast<const Own&>(*this)); }
+  std::string kind() const override { return Own::kind_name; }
+  int dimension() const override { return D; }
+};
+
+/// The only key of [mesh] of what Gmsh meshes.
+inline constexpr MeshKey size_of_elements{MeshKey::size, "size", "of the elements, about"};
 
 /// Names of all kinds, as files have them.
 std::vector<std::string> shape_kinds();
 /// A shape of this kind with its default dimensions. Throws InputError for an unknown one.
 std::unique_ptr<Shape> make_shape(std::string_view kind);
-
-/// Throws InputError for a number of elements below 1: name and number.
-void check_counts(std::string_view who, std::initializer_list<std::pair<std::string_view, int>> counts);
 
 /// Fraction of the contact gap that faces rest apart at about half the pressure that the barrier is made for.
 inline constexpr double resting_distance = 0.65;

@@ -31,31 +31,31 @@ std::vector<ShapeKey> Sheet::keys() {
 }
 
 std::vector<MeshKey> Sheet::mesh_keys() const {
-  return {{MeshKey::count, "tile_cells", "along a tile", SheetMesh().tile_cells},
-          {MeshKey::count, "strip_cells", "across a strip of foam", SheetMesh().strip_cells},
-          {MeshKey::count, "layers", "through the thickness", SheetMesh().layers}};
+  return {{MeshKey::count, "tile_cells", "along a tile", 1},
+          {MeshKey::count, "strip_cells", "across a strip of foam", 2},
+          {MeshKey::count, "layers", "through the thickness", 1}};
 }
 
 void Sheet::check() const {
   check_keys("sheet");
 }
 
-Mesh mesh_sheet(const Sheet& s, const SheetMesh& mesh) {
-  s.check();
-  check_counts("sheet", {{"tile_cells", mesh.tile_cells}, {"strip_cells", mesh.strip_cells}, {"layers", mesh.layers}});
+Mesh Sheet::mesh(const MeshSettings& settings, bool, bool) const {
+  check();
+  check_counts("sheet", settings);
   const auto lines = [&](int tiles) {
     std::vector<double> x{0.0};
     for (int k = 0; k < tiles; ++k) {
-      step_to(x, k * (s.tile + s.strip) + s.tile, mesh.tile_cells);
-      if (k + 1 < tiles) step_to(x, (k + 1) * (s.tile + s.strip), mesh.strip_cells);
+      step_to(x, k * (tile + strip) + tile, count(settings, "tile_cells"));
+      if (k + 1 < tiles) step_to(x, (k + 1) * (tile + strip), count(settings, "strip_cells"));
     }
     return x;
   };
-  std::vector<double> z{-0.5 * s.thickness};
-  step_to(z, 0.5 * s.thickness, mesh.layers);
-  Mesh sheet = box(lines(s.columns), lines(s.rows), z, mesh.order, "foam");
+  std::vector<double> z{-0.5 * thickness};
+  step_to(z, 0.5 * thickness, count(settings, "layers"));
+  Mesh sheet = box(lines(columns), lines(rows), z, settings.order, "foam");
   assign_regions(sheet, [&](const Eigen::VectorXd& at) -> std::string {
-    return in_tile(s, at[0]) && in_tile(s, at[1]) ? "plastic" : "foam";
+    return in_tile(*this, at[0]) && in_tile(*this, at[1]) ? "plastic" : "foam";
   });
   sheet.tags = {{"base", sheet.tags.at("xmin")},
                 {"tip", sheet.tags.at("xmax")},
@@ -79,11 +79,6 @@ std::vector<Eigen::Vector3d> cable_path(const Sheet& s, int row, double z) {
     path.emplace_back(x + s.tile, y, z);
   }
   return path;
-}
-
-Mesh Sheet::mesh(const MeshSettings& settings, bool, bool) const {
-  return mesh_sheet(*this, {count(settings, "tile_cells"), count(settings, "strip_cells"), count(settings, "layers"),
-                            settings.order});
 }
 
 std::vector<std::string> Sheet::cable_names() const {

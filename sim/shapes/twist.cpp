@@ -18,33 +18,30 @@ Mesh part_of(const Mesh& whole, const std::function<bool(const Eigen::VectorXd&)
   Mesh part;
   part.shape = whole.shape;
   part.region_names = whole.region_names;
-  std::vector<int> number(static_cast<size_t>(whole.node_count()), -1);
+  std::vector<int> number(whole.node_count(), -1);
   for (int e = 0; e < whole.element_count(); ++e) {
-    Eigen::VectorXd centroid = Eigen::VectorXd::Zero(3);
-    for (int a = 0; a < 4; ++a) centroid += whole.node(whole.element(e)[a]) / 4;
-    if (!keep(centroid)) continue;
+    if (!keep(whole.centroid(e))) continue;
     part.elements.insert(part.elements.end(), whole.element(e), whole.element(e) + whole.nodes_per_element());
-    part.region.push_back(whole.region[static_cast<size_t>(e)]);
+    part.region.push_back(whole.region[e]);
   }
-  for (int node : part.elements) number[static_cast<size_t>(node)] = 0;
+  for (int node : part.elements) number[node] = 0;
   int count = 0;
   for (int& n : number) {
     if (n == 0) n = count++;
   }
-  part.X.resize(3 * Eigen::Index(count));
+  part.X.resize(3 * count);
   for (int node = 0; node < whole.node_count(); ++node) {
-    const int n = number[static_cast<size_t>(node)];
-    if (n >= 0) part.X.segment<3>(3 * Eigen::Index(n)) = whole.node(node);
+    const int n = number[node];
+    if (n >= 0) part.X.segment<3>(3 * n) = whole.node(node);
   }
-  for (int& node : part.elements) node = number[static_cast<size_t>(node)];
+  for (int& node : part.elements) node = number[node];
   for (const auto& [name, tag] : whole.tags) {
     Tag own{tag.dimension, tag.nodes_per_entity, {}};
     for (int k = 0; k < tag.count(); ++k) {
       const auto first = tag.entities.begin() + static_cast<std::ptrdiff_t>(k) * tag.nodes_per_entity;
-      const auto is_gone = [&](int node) { return number[static_cast<size_t>(node)] < 0; };
+      const auto is_gone = [&](int node) { return number[node] < 0; };
       if (std::any_of(first, first + tag.nodes_per_entity, is_gone)) continue;
-      for (auto node = first; node != first + tag.nodes_per_entity; ++node)
-        own.entities.push_back(number[static_cast<size_t>(*node)]);
+      for (auto node = first; node != first + tag.nodes_per_entity; ++node) own.entities.push_back(number[*node]);
     }
     part.tags[name] = own;
   }
@@ -70,8 +67,7 @@ std::vector<ShapeKey> TwistModule::keys() {
 }
 
 std::vector<MeshKey> TwistModule::mesh_keys() const {
-  return {{MeshKey::count, "core_cells", "across the core", TwistModuleMesh().core_cells},
-          {MeshKey::count, "layers", "in each rim and gap", TwistModuleMesh().layers}};
+  return {{MeshKey::count, "core_cells", "across the core", 4}, {MeshKey::count, "layers", "in each rim and gap", 1}};
 }
 
 void TwistModule::check() const {
@@ -86,34 +82,35 @@ void TwistModule::check() const {
                     in_mm(m.core_width), in_mm(m.rim_width), in_mm(m.plate_width)));
 }
 
-Mesh mesh_twist_module(const TwistModule& m, const TwistModuleMesh& mesh) {
-  m.check();
-  check_counts("twist module", {{"core_cells", mesh.core_cells}, {"layers", mesh.layers}});
-  const double core = 0.5 * m.core_width, plate = 0.5 * m.plate_width, inner = plate - m.rim_width;
+Mesh TwistModule::mesh(const MeshSettings& settings, bool, bool) const {
+  check();
+  check_counts("twist module", settings);
+  const int layers = count(settings, "layers");
+  const double core = 0.5 * core_width, plate = 0.5 * plate_width, inner = plate - rim_width;
   std::vector<double> x{-plate, -inner, -core}, z{0.0};
-  step_to(x, core, mesh.core_cells);
+  step_to(x, core, count(settings, "core_cells"));
   x.insert(x.end(), {inner, plate});
-  const double rim = 0.5 * (m.cell_length - m.rim_gap), pitch = m.cell_length + m.plate_thickness;
-  step_to(z, m.plate_thickness, 1);
-  for (int cell = 0; cell < m.cells; ++cell) {
-    const double begin = cell * pitch + m.plate_thickness;
-    step_to(z, begin + rim, mesh.layers);
-    step_to(z, begin + rim + m.rim_gap, mesh.layers);
-    step_to(z, begin + m.cell_length, mesh.layers);
-    step_to(z, (cell + 1) * pitch + m.plate_thickness, 1);
+  const double rim = 0.5 * (cell_length - rim_gap), pitch = cell_length + plate_thickness;
+  step_to(z, plate_thickness, 1);
+  for (int cell = 0; cell < cells; ++cell) {
+    const double begin = cell * pitch + plate_thickness;
+    step_to(z, begin + rim, layers);
+    step_to(z, begin + rim + rim_gap, layers);
+    step_to(z, begin + cell_length, layers);
+    step_to(z, (cell + 1) * pitch + plate_thickness, 1);
   }
   Mesh grid = box(x, x, z, 1, "foam");
   const auto from_axis = [](const Eigen::VectorXd& at) { return std::max(std::abs(at[0]), std::abs(at[1])); };
   assign_regions(grid, [&](const Eigen::VectorXd& at) -> std::string {
-    return from_axis(at) < core && std::fmod(at[2], pitch) > m.plate_thickness ? "foam" : "plastic";
+    return from_axis(at) < core && std::fmod(at[2], pitch) > plate_thickness ? "foam" : "plastic";
   });
   Mesh module = part_of(grid, [&](const Eigen::VectorXd& at) {
-    const double above = std::fmod(at[2], pitch) - m.plate_thickness;  // the plate
+    const double above = std::fmod(at[2], pitch) - plate_thickness;  // the plate
     if (above < 0 || from_axis(at) < core) return true;
-    return from_axis(at) > inner && (above < rim || above > rim + m.rim_gap);
+    return from_axis(at) > inner && (above < rim || above > rim + rim_gap);
   });
   module.tags = {{"base", module.tags.at("zmin")}, {"tip", module.tags.at("zmax")}};
-  return mesh.order == 1 ? module : to_quadratic(module);
+  return settings.order == 1 ? module : to_quadratic(module);
 }
 
 std::vector<Eigen::Vector3d> cable_path(const TwistModule& m, int cable, int handedness) {
@@ -150,10 +147,6 @@ std::vector<Eigen::Vector3d> cable_path(const TwistModule& m, int cable, int han
                       plate, plate + 1));
   }
   return path;
-}
-
-Mesh TwistModule::mesh(const MeshSettings& settings, bool, bool) const {
-  return mesh_twist_module(*this, {count(settings, "core_cells"), count(settings, "layers"), settings.order});
 }
 
 std::vector<std::string> TwistModule::cable_names() const {

@@ -8,8 +8,11 @@ namespace taut {
 
 /// A module that twists (Fig. 14 of the push-puppet paper, which gives no dimensions) as its cables
 /// shorten it: a square foam core between wider plastic plates with rims, and cables that pass the plates along a
-/// helix. The axis is z, the base plate's lower face at z = 0. Lengths in metres.
-struct TwistModule final : Shape {
+/// helix. The axis is z, the base plate's lower face at z = 0. Lengths in metres. Tetrahedra on a grid; regions "foam"
+/// and "plastic", tags "base" (lower face of the lowest plate) and "tip" (upper face of the highest). Foam is bonded to
+/// the plates, and free of the rims.
+struct TwistModule final : ShapeOf<TwistModule, 3> {
+  static constexpr auto kind_name = "twist";
   int cells = 4;
   double cell_length = 10e-3;  ///< foam between two plates
   double core_width = 30e-3;
@@ -23,9 +26,6 @@ struct TwistModule final : Shape {
 
   double height() const { return cells * cell_length + (cells + 1) * plate_thickness; }
 
-  std::unique_ptr<Shape> clone() const override { return std::make_unique<TwistModule>(*this); }
-  std::string kind() const override { return "twist"; }
-  int dimension() const override { return 3; }
   std::vector<ShapeKey> keys() override;
   void check() const override;
   std::vector<MeshKey> mesh_keys() const override;
@@ -33,18 +33,6 @@ struct TwistModule final : Shape {
   std::vector<std::string> cable_names() const override;
   std::vector<Eigen::VectorXd> cable(size_t index) const override;
 };
-
-/// How finely: cells of the grid across the core and along the foam within a rim, a gap and a rim.
-struct TwistModuleMesh {
-  int core_cells = 4;
-  int layers = 1;
-  int order = 1;
-};
-
-/// Tetrahedra on a grid. Regions "foam" and "plastic"; tags "base" (lower face of the lowest plate) and "tip" (upper
-/// face of the highest). Foam is bonded to the plates, and free of the rims. Throws InputError for lengths and counts
-/// that make no module.
-Mesh mesh_twist_module(const TwistModule& module, const TwistModuleMesh& mesh = {});
 
 /// Rest positions [m] of the points of cable `cable` (from 0): where it enters and leaves each plate, parallel to the
 /// axis, at angle 2 pi cable / cables + handedness cable_turn (plate - cells / 2) from x. Handedness +1 is a

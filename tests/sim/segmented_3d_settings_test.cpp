@@ -50,11 +50,11 @@ TEST(Segmented3dSettings, KeysAreTheMembersNames) {
   EXPECT_EQ(module.geometry.as<TwistModule>().rim_width, TwistModule().rim_width) << "what is left out";
   EXPECT_EQ(sheet.geometry.as<Sheet>().rows, 2);
   EXPECT_DOUBLE_EQ(sheet.geometry.as<Sheet>().tile, 12e-3);
-  const Mesh expected =
-      mesh_twist_module(module.geometry.as<TwistModule>(), {.core_cells = 3, .layers = 2, .order = 1});
+  const MeshSettings coarse{.counts = {{"core_cells", 3}, {"layers", 2}}, .order = 1};
+  const Mesh expected = module.geometry.as<TwistModule>().mesh(coarse, false, false);
   EXPECT_EQ(make_mesh(module.geometry, module.mesh, true, true).X, expected.X);
-  const Mesh tiles =
-      mesh_sheet(sheet.geometry.as<Sheet>(), {.tile_cells = 2, .strip_cells = 3, .layers = 1, .order = 2});
+  const MeshSettings fine{.counts = {{"tile_cells", 2}, {"strip_cells", 3}, {"layers", 1}}, .order = 2};
+  const Mesh tiles = sheet.geometry.as<Sheet>().mesh(fine, false, false);
   EXPECT_EQ(make_mesh(sheet.geometry, sheet.mesh, true, true).X, tiles.X);
 }
 

@@ -13,7 +13,7 @@ using namespace test;
 TEST(Sheet, VolumesOfFoamAndPlasticAreThoseOfTheDrawing) {
   for (int order : {1, 2}) {
     const Sheet s;
-    const Mesh mesh = mesh_sheet(s, {.order = order});
+    const Mesh mesh = s.mesh({.order = order}, false, false);
     mesh.check("sheet");
     EXPECT_NEAR(s.length(), 120e-3, 1e-15);
     EXPECT_NEAR(s.width(), 70e-3, 1e-15);
@@ -28,7 +28,7 @@ TEST(Sheet, VolumesOfFoamAndPlasticAreThoseOfTheDrawing) {
 
 TEST(Sheet, CablesRunThroughTheTilesOfARow) {
   const Sheet s;
-  const Mesh mesh = mesh_sheet(s);
+  const Mesh mesh = s.mesh({}, false, false);
   for (int row = 0; row < s.rows; ++row) {
     const auto path = cable_path(s, row, 1.2e-3);
     ASSERT_EQ(path.size(), 10u);
@@ -45,9 +45,9 @@ TEST(Sheet, WhatMakesNoSheetIsRefused) {
   Sheet s;
   expect_input_error([&] { cable_path(s, 3, 0); }, {"no row 3"});
   expect_input_error([&] { cable_path(s, 0, 2.5e-3); }, {"2.5 mm", "2 mm"});
-  expect_input_error([&] { mesh_sheet(s, {.tile_cells = 0}); }, {"tile_cells is 0"});
+  expect_input_error([&] { s.mesh({.counts = {{"tile_cells", 0}}}, false, false); }, {"tile_cells is 0"});
   s.strip = 0;
-  expect_input_error([&] { mesh_sheet(s); }, {"strip", "positive"});
+  expect_input_error([&] { s.mesh({}, false, false); }, {"strip", "positive"});
 }
 
 }  // namespace

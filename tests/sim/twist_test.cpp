@@ -15,7 +15,7 @@ using namespace test;
 TEST(TwistModule, VolumesOfFoamAndPlasticAreThoseOfTheDrawing) {
   for (int order : {1, 2}) {
     const TwistModule m;
-    const Mesh mesh = mesh_twist_module(m, {.core_cells = 2, .order = order});
+    const Mesh mesh = m.mesh({.counts = {{"core_cells", 2}}, .order = order}, false, false);
     mesh.check("twist");
     EXPECT_EQ(order_of(mesh.shape), order);
     EXPECT_NEAR(total_measure(mesh, "foam"), 4 * 30e-3 * 30e-3 * 10e-3, 1e-16);
@@ -32,7 +32,7 @@ TEST(TwistModule, VolumesOfFoamAndPlasticAreThoseOfTheDrawing) {
 }
 
 TEST(TwistModule, RimsStandFreeOfTheCoreAndOfEachOther) {
-  const Mesh mesh = mesh_twist_module({});
+  const Mesh mesh = TwistModule().mesh({.order = 1}, false, false);
   for (int e = 0; e < mesh.element_count(); ++e) {
     Eigen::Vector3d c = Eigen::Vector3d::Zero();
     for (int a = 0; a < 4; ++a) c += mesh.node(mesh.element(e)[a]) / 4;
@@ -45,7 +45,7 @@ TEST(TwistModule, RimsStandFreeOfTheCoreAndOfEachOther) {
 
 TEST(TwistModule, CablesAreHelicesThroughThePlates) {
   const TwistModule m;
-  const Mesh mesh = mesh_twist_module(m);
+  const Mesh mesh = m.mesh({.order = 1}, false, false);
   for (int handedness : {1, -1}) {
     for (int cable = 0; cable < m.cables; ++cable) {
       const auto path = cable_path(m, cable, handedness);
@@ -72,13 +72,13 @@ TEST(TwistModule, CablesAreHelicesThroughThePlates) {
 TEST(TwistModule, WhatMakesNoModuleIsRefused) {
   TwistModule m;
   m.plate_width = 37e-3;
-  expect_input_error([&] { mesh_twist_module(m); }, {"twist module", "37 mm", "widen the plates"});
+  expect_input_error([&] { m.mesh({.order = 1}, false, false); }, {"twist module", "37 mm", "widen the plates"});
   m = {};
   m.rim_gap = 10e-3;
-  expect_input_error([&] { mesh_twist_module(m); }, {"rim_gap", "cell_length"});
+  expect_input_error([&] { m.mesh({.order = 1}, false, false); }, {"rim_gap", "cell_length"});
   m = {};
   m.cells = 0;
-  expect_input_error([&] { mesh_twist_module(m); }, {"cells is 0"});
+  expect_input_error([&] { m.mesh({.order = 1}, false, false); }, {"cells is 0"});
   m = {};
   m.cable_turn = 0.5;
   expect_input_error([&] { cable_path(m, 0, 1); }, {"cable 0 cuts through the core", "turn it less"});

@@ -113,7 +113,7 @@ TEST(SlowTwist, AtFirstAngleAndTensionLieBetweenTheBoundsOfElasticity) {
   TwistModule m;
   m.cells = 1;
   const double E = 61.15e3, nu = 0.2, G = 0.5 * E / (1 + nu), M = E * (1 - nu) / ((1 + nu) * (1 - 2 * nu));
-  SceneBuilder builder(mesh_twist_module(m, {.core_cells = 4, .layers = 1, .order = 2}));
+  SceneBuilder builder(m.mesh({.order = 2}, false, false));
   builder.add_solid("foam", "neo_hookean", {{"E", E}, {"nu", nu}});
   builder.add_solid("plastic", "neo_hookean", {{"E", 2.3e9}, {"nu", 0.35}});
   builder.fix("base", {0, 1, 2});
