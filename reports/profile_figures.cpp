@@ -4,7 +4,6 @@
 #include <cmath>
 #include <limits>
 
-#include "reports/estimate_text.hpp"
 #include "reports/run_sections.hpp"
 #include "sim/core/units.hpp"
 
@@ -61,6 +60,16 @@ std::string open_end(const ParameterEstimate& estimate, const Points& points, bo
                       rise, place);
   }
   return side + fmt::format("rises by {:.2g} only as far as {}, and no farther could be searched.", rise, place);
+}
+
+/// "1.88 to 13.1 GPa", "1.88 GPa to open".
+std::string interval_of(const ParameterEstimate& estimate, const DisplayUnit& unit) {
+  const std::string name = unit.name.empty() || unit.name == "1" ? "" : " " + unit.name;
+  const auto text = [&](const std::optional<double>& end, bool with_name) {
+    return end ? fmt::format("{:.4g}{}", *end / unit.factor, with_name ? name : "") : "open";
+  };
+  if (!estimate.lower95 && !estimate.upper95) return "open on both sides";
+  return text(estimate.lower95, !estimate.upper95) + " to " + text(estimate.upper95, true);
 }
 
 std::string profile_csv(const ParameterEstimate& estimate, const Points& points) {
@@ -136,7 +145,7 @@ void add_profile(Page& page, const Box& box, const ParameterEstimate& estimate, 
   page.add(plots, {{estimate.value / unit.factor, 0}}, "points pt 7 ps 1.2", colour(0));
   page.panel(box, profile_axis(shown, bracketed(estimate.spec.id, unit.name), logarithmic),
              {leftmost ? "rise of chi squared" : "", 0, highest, highest > 6 ? 2.0 : 1.0},
-             estimate.spec.id + ": " + Shown(estimate).interval(estimate), plots, interval_marks(estimate, unit));
+             estimate.spec.id + ": " + interval_of(estimate, unit), plots, interval_marks(estimate, unit));
 }
 
 }  // namespace
