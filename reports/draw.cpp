@@ -18,15 +18,18 @@ namespace {
 
 using Point = Eigen::Vector2d;  // [mm]
 
-constexpr const char* kCable = "#d55e00";
 constexpr const char* kMeasured = "#009e73";
-constexpr double kLeft = 76, kBelow = 58, kAbove = 30;  // of a panel, px
 
 struct Window {
   Point lower, upper;  ///< [mm]
   bool contains(const Point& p) const {
     const double rounding = 1e-9 * (upper - lower).norm();
     return (p.array() >= lower.array() - rounding && p.array() <= upper.array() + rounding).all();
+  }
+  /// Adds the part of a line that lies inside, shifted.
+  void add(Rows& lines, const Point& a, const Point& b, const Point& shift = Point::Zero()) const {
+    if (const auto piece = clipped(a, b, lower, upper))
+      append(lines, rows_in(1, std::array<Point, 2>{piece->first + shift, piece->second + shift}));
   }
 };
 
@@ -35,15 +38,6 @@ struct Area {
   std::vector<Point> line;  ///< closed
   double size;              ///< signed [mm^2]; negative: a hole
 };
-
-double signed_area(const std::vector<Point>& line) {
-  double sum = 0;
-  for (size_t i = 0; i < line.size(); ++i) {
-    const Point &a = line[i], &b = line[(i + 1) % line.size()];
-    sum += 0.5 * (a.x() * b.y() - a.y() * b.x());
-  }
-  return sum;
-}
 
 /// Outlines of all regions without the points along straight lines, large ones first: what lies in a hole is painted
 /// after it.
@@ -63,8 +57,7 @@ std::vector<Area> areas_of(const Mesh& mesh) {
       areas.push_back(area);
     }
   }
-  std::stable_sort(areas.begin(), areas.end(),
-                   [](const Area& a, const Area& b) { return std::abs(a.size) > std::abs(b.size); });
+  largest_first(areas);
   return areas;
 }
 
@@ -84,32 +77,6 @@ std::vector<Point> clipped(std::vector<Point> polygon, const Window& window) {
   }
   return polygon;
 }
-
-/// A piece of a straight line inside the window (Liang and Barsky).
-std::optional<std::pair<Point, Point>> clipped(const Point& a, const Point& b, const Window& window) {
-  double first = 0, last = 1;
-  for (int axis = 0; axis < 2; ++axis) {
-    for (const double sign : {1.0, -1.0}) {
-      const double limit = sign > 0 ? window.lower[axis] : window.upper[axis];
-      const double da = sign * (a[axis] - limit), slope = sign * (b[axis] - a[axis]);
-      if (slope == 0) {
-        if (da < 0) return std::nullopt;
-      } else if (slope > 0) {
-        first = std::max(first, -da / slope);
-      } else {
-        last = std::min(last, -da / slope);
-      }
-    }
-  }
-  if (first >= last) return std::nullopt;
-  return std::pair{Point(a + first * (b - a)), Point(a + last * (b - a))};
-}
-
-/// Lines to be drawn with one style.
-struct Strokes {
-  std::vector<std::vector<double>> rows;
-  void add(const Point& a, const Point& b) { rows.insert(rows.end(), {{a.x(), a.y()}, {b.x(), b.y()}, {}}); }
-};
 
 struct Place {
   Point middle, outward;
@@ -150,25 +117,18 @@ class Sheet {
 
   const Window& body() const { return body_; }
 
-  std::vector<std::string> plots(Page& page, const Window& window, double scale) const {
-    std::vector<std::string> plots;
-    Strokes outlines;
+  Plots plots(Page& page, const Window& window, double scale) const {
+    Plots plots;
+    Rows outlines;
     for (const Area& area : areas_) {
-      const std::vector<Point> line = clipped(area.line, window);
-      if (line.size() > 2) {
-        std::vector<std::vector<double>> rows;
-        for (const Point& p : line) rows.push_back({p.x(), p.y()});
-        plots.push_back(fmt::format("{} using 1:2 with filledcurves closed fs solid 1 noborder fc rgb '{}'",
-                                    page.data(rows), area.size > 0 ? area.colour : "#ffffff"));
-      }
-      for (size_t i = 0; i < area.line.size(); ++i) {
-        const auto piece = clipped(area.line[i], area.line[(i + 1) % area.line.size()], window);
-        if (piece) outlines.add(piece->first, piece->second);
-      }
+      const std::vector<Point> inside = clipped(area.line, window);
+      if (inside.size() > 2) page.add(plots, rows_in(1, inside), kFilled, area.size > 0 ? area.colour : "#ffffff");
+      for (size_t i = 0; i < area.line.size(); ++i)
+        window.add(outlines, area.line[i], area.line[(i + 1) % area.line.size()]);
     }
-    plots.push_back(page.data(outlines.rows) + fmt::format(" using 1:2 with lines lw 1.2 lc rgb '{}'", kBlack));
-    add_obstacles(page, window, plots);
-    add_supports(page, window, scale, plots);
+    page.add(plots, outlines, "lines lw 1.2", kBlack);
+    page.add(plots, obstacles(window), "lines lw 2.5", kGrey);
+    page.add(plots, supports(window, scale), "lines lw 1.6", kBlack);
     add_cables(page, window, plots);
     add_channels(page, window, plots);
     return plots;
@@ -196,8 +156,8 @@ class Sheet {
     for (const auto& [name, tag] : mesh_.tags) {
       if (tag.dimension != 1 || tag.count() == 0) continue;
       const Place place = place_of(mesh_, tag);
-      const Point at = place.middle + px * (std::abs(place.outward.x()) > 0.7 ? tag_beside : 18.0) * place.outward;
       const bool beside = std::abs(place.outward.x()) > 0.7;
+      const Point at = place.middle + px * (beside ? tag_beside : 18.0) * place.outward;
       out += fmt::format("set label {} at first {:.8g},{:.8g} center {} front font ',12' tc rgb '{}'\n", literal(name),
                          at.x(), at.y(), beside ? "rotate by 90" : "", kGrey);
     }
@@ -243,17 +203,16 @@ class Sheet {
 
   std::string csv() const {
     std::string out = "kind,name,part,x_mm,y_mm,length_mm\n";
-    const std::string none;
     int part = 0;
     for (const Area& area : areas_) {
       ++part;
       for (const Point& p : area.line) {
-        out += line(std::string(area.size > 0 ? "outline" : "hole"), area.region, part, p.x(), p.y(), none);
+        out += line(area.size > 0 ? "outline" : "hole", area.region, part, p.x(), p.y(), "");
       }
     }
     for (const CableSettings& cable : experiment_.cables.cables) {
       for (const std::vector<double>& p : cable.points) {
-        out += line(std::string("cable"), cable.id, ++part, p[0] / kMillimetre, p[1] / kMillimetre, none);
+        out += line("cable", cable.id, ++part, p[0] / kMillimetre, p[1] / kMillimetre, "");
       }
     }
     return out;
@@ -262,50 +221,37 @@ class Sheet {
   static constexpr double tag_beside = 74;  ///< from a face on the left or right to its name [px]
 
  private:
-  void add_strokes(Page& page, const Strokes& strokes, const std::string& style,
-                   std::vector<std::string>& plots) const {
-    if (!strokes.rows.empty()) plots.push_back(page.data(strokes.rows) + " using 1:2 with lines " + style);
-  }
-
-  void add_obstacles(Page& page, const Window& window, std::vector<std::string>& plots) const {
-    Strokes strokes;
-    const auto add = [&](const Point& a, const Point& b) {
-      if (const auto piece = clipped(a, b, window)) strokes.add(piece->first, piece->second);
-    };
+  Rows obstacles(const Window& window) const {
+    Rows lines;
     for (const std::vector<Eigen::Vector2d>& line : experiment_.contact.obstacles) {
-      for (size_t i = 1; i < line.size(); ++i) add(line[i - 1] / kMillimetre, line[i] / kMillimetre);
+      for (size_t i = 1; i < line.size(); ++i) window.add(lines, line[i - 1] / kMillimetre, line[i] / kMillimetre);
     }
     for (const GroundSettings& ground : experiment_.contact.grounds) {
       const double reach = 2 * (window.upper - window.lower).norm();
       const Point middle = ground.point / kMillimetre, along(-ground.normal.y(), ground.normal.x());
-      add(middle - reach * along, middle + reach * along);
+      window.add(lines, middle - reach * along, middle + reach * along);
     }
-    add_strokes(page, strokes, fmt::format("lw 2.5 lc rgb '{}'", kGrey), plots);
+    return lines;
   }
 
-  void add_cables(Page& page, const Window& window, std::vector<std::string>& plots) const {
-    Strokes strokes;
-    std::vector<std::vector<double>> vias, fixed;
+  void add_cables(Page& page, const Window& window, Plots& plots) const {
+    Rows lines, vias, fixed;
     for (const CableSettings& cable : experiment_.cables.cables) {
       std::vector<Point> points;
       for (const std::vector<double>& p : cable.points) points.emplace_back(Point(p[0], p[1]) / kMillimetre);
       for (size_t i = 0; i < points.size(); ++i) {
-        if (i > 0) {
-          if (const auto piece = clipped(points[i - 1], points[i], window)) strokes.add(piece->first, piece->second);
-        }
+        if (i > 0) window.add(lines, points[i - 1], points[i]);
         const bool anchor = (i == 0 && cable.start_fixed) || (i + 1 == points.size() && cable.end_fixed);
         if (window.contains(points[i])) (anchor ? fixed : vias).push_back({points[i].x(), points[i].y()});
       }
     }
-    add_strokes(page, strokes, fmt::format("lw 2 lc rgb '{}'", kCable), plots);
-    if (!vias.empty())
-      plots.push_back(fmt::format("{} using 1:2 with points pt 7 ps 0.7 lc rgb '{}'", page.data(vias), kCable));
-    if (!fixed.empty())
-      plots.push_back(fmt::format("{} using 1:2 with points pt 5 ps 1.1 lc rgb '{}'", page.data(fixed), kCable));
+    page.add(plots, lines, "lines lw 2", kCable);
+    page.add(plots, vias, "points pt 7 ps 0.7", kCable);
+    page.add(plots, fixed, "points pt 5 ps 1.1", kCable);
   }
 
-  void add_supports(Page& page, const Window& window, double scale, std::vector<std::string>& plots) const {
-    Strokes strokes;
+  Rows supports(const Window& window, double scale) const {
+    Rows lines;
     const double px = 1 / scale, spacing = 9 * px;
     for (const SupportSettings& support : experiment_.supports) {
       const Tag tag = mesh_.select(support.on);
@@ -313,29 +259,28 @@ class Sheet {
         const int* nodes = &tag.entities[static_cast<size_t>(i) * tag.nodes_per_entity];
         const Point a = mesh_.node(nodes[0]) / kMillimetre, b = mesh_.node(nodes[1]) / kMillimetre;
         const Point t = (b - a).normalized(), n(t.y(), -t.x());
-        if (const auto piece = clipped(a, b, window)) strokes.add(piece->first + px * n, piece->second + px * n);
+        window.add(lines, a, b, px * n);
         // At whole multiples of the spacing along the face, in whatever order its edges come.
         const double from = a.dot(t), to = b.dot(t);
         for (double along = std::ceil(from / spacing) * spacing; along < to; along += spacing) {
           const Point foot = a + (along - from) * t;
-          const Point stroke = 10 * px * (n + (t.x() + t.y() > 0 ? -0.8 : 0.8) * t);
-          if (window.contains(foot)) strokes.add(foot, foot + stroke);
+          const Point end = foot + 10 * px * (n + (t.x() + t.y() > 0 ? -0.8 : 0.8) * t);
+          if (window.contains(foot)) append(lines, {{foot.x(), foot.y()}, {end.x(), end.y()}});
         }
       }
     }
-    add_strokes(page, strokes, fmt::format("lw 1.6 lc rgb '{}'", kBlack), plots);
+    return lines;
   }
 
-  void add_channels(Page& page, const Window& window, std::vector<std::string>& plots) const {
-    std::vector<std::vector<double>> rows;
+  void add_channels(Page& page, const Window& window, Plots& plots) const {
+    Rows rows;
     for (const ChannelSettings& channel : experiment_.channels) {
       if (channel.of_cable()) continue;  // it is drawn as a cable
       const Point at = channel.on.empty() ? Point(Point(channel.point[0], channel.point[1]) / kMillimetre)
                                           : place_of(mesh_, mesh_.select(channel.on)).middle;
       if (window.contains(at)) rows.push_back({at.x(), at.y()});
     }
-    if (!rows.empty())
-      plots.push_back(fmt::format("{} using 1:2 with points pt 13 ps 1.4 lc rgb '{}'", page.data(rows), kMeasured));
+    page.add(plots, rows, "points pt 13 ps 1.4", kMeasured);
   }
 
   const Experiment& experiment_;
@@ -375,19 +320,19 @@ class View {
   double scale() const { return scale_; }
   const Window& window() const { return window_; }
 
-  void draw(Page& page, const Sheet& sheet, double bottom, const std::string& title, const std::string& extra) const {
-    const Point middle = 0.5 * (window_.lower + window_.upper);
-    const double left_columns = Dimensions::spacing * dimensions_->rows(Dimension::left);
-    const double right_columns = Dimensions::spacing * dimensions_->rows(Dimension::right);
-    const double shift = 0.5 * (right_columns - left_columns) / scale_;
-    const double low_y = window_.lower.y() - below_ / scale_, high_y = window_.upper.y() + above_ / scale_;
-    Axis x{"x [mm]", middle.x() + shift - 0.5 * across_ / scale_, middle.x() + shift + 0.5 * across_ / scale_, 1};
-    Axis y{"y [mm]", low_y, high_y, 1};
+  /// Below the upper edge of `box`, which is as wide.
+  void draw(Page& page, const Sheet& sheet, Box box, const std::string& title, const std::string& extra) const {
+    const double columns = dimensions_->rows(Dimension::right) - dimensions_->rows(Dimension::left);
+    const double middle = 0.5 * (window_.lower + window_.upper).x() + 0.5 * columns * Dimensions::spacing / scale_;
+    const double reach = 0.5 * across_ / scale_, beside = beside_ / scale_;
+    Axis x{"x [mm]", middle - reach, middle + reach, 1};
+    Axis y{"y [mm]", window_.lower.y() - below_ / scale_, window_.upper.y() + above_ / scale_, 1};
     x.step = y.step = axis_over({0, (window_.upper - window_.lower).maxCoeff()}, "", 6, false).step;
-    page.panel({kLeft, bottom, kLeft + across_, bottom + height()}, x, y, title, sheet.plots(page, window_, scale_),
+    box.bottom = box.top - height();
+    page.panel(box, x, y, title, sheet.plots(page, window_, scale_),
                "unset grid\n" +
-                   dimensions_->drawn(window_.lower.x() - beside_ / scale_, window_.lower.y() - under_ / scale_,
-                                      window_.upper.x() + beside_ / scale_, window_.upper.y()) +
+                   dimensions_->drawn(window_.lower.x() - beside, window_.lower.y() - under_ / scale_,
+                                      window_.upper.x() + beside, window_.upper.y()) +
                    extra);
   }
 
@@ -432,8 +377,7 @@ std::string drawn_inside(const ShapeDrawing& drawing, double scale) {
 
 std::string rows_of(const std::vector<Dimension>& dimensions) {
   std::string csv;
-  const std::string none;
-  for (const Dimension& d : dimensions) csv += line(std::string("dimension"), d.text, none, none, none, d.to - d.from);
+  for (const Dimension& d : dimensions) csv += line("dimension", d.text, "", "", "", d.to - d.from);
   return csv;
 }
 
@@ -462,41 +406,38 @@ struct DetailView {
 
 Drawing rest_drawing(const Experiment& experiment, const Mesh& mesh) {
   const Sheet sheet(experiment, mesh);
-  const std::vector<LegendEntry> legend = sheet.legend();
-  const double legend_left = kPageWidth - legend_width(legend, 250) - 8;
-  const double across = legend_left - 24 - kLeft;
+  Grid grid({.legend = 250}, sheet.legend());
   const std::optional<ShapeDrawing> own = experiment.geometry.shape->drawing();
   const std::vector<Dimension> whole = own ? dimensions_of(own->lines) : overall(sheet.body());
-  const View main(sheet.body(), whole, across, 420, Sheet::tag_beside + 14, own ? 0 : 26);
+  const View main(sheet.body(), whole, grid.across, 420, Sheet::tag_beside + 14, own ? 0 : 26);
   std::optional<DetailView> detail;
-  if (own && own->detail) detail.emplace(*own->detail, across);
+  if (own && own->detail) detail.emplace(*own->detail, grid.across);
 
-  const double rows = 19.0 * static_cast<double>(legend.size()) + 40;
-  const double main_height = std::max(main.height(), rows - (detail ? 200 : 0));
-  const double height =
-      kTitle + kAbove + main_height + kBelow + (detail ? kAbove + 14 + detail->view.height() + kBelow : 0.0);
+  const double beside_legend = legend_height(grid.legend) + 40;
+  if (detail) {
+    grid.rows({std::max(main.height(), beside_legend - 200) + 14, detail->view.height()});
+  } else {
+    grid.rows({std::max(main.height(), beside_legend)});
+  }
+  const std::string title = "The specimen at rest, to scale";
   const std::string subtitle = experiment.title + ": " + (own ? own->summary + ", " : "") +
                                millimetres(experiment.geometry.thickness) + " thick";
   // A drawing shows no readings, so there are no simulated ones to warn of.
-  Page page(kPageWidth, height, "The specimen at rest, to scale", subtitle, false);
-  const double top = height - kTitle - kAbove;
-  page.legend(legend_left, top - 6, legend);
+  Page page = grid.page(title, subtitle, false);
   std::string extra = sheet.marks(main.scale());
   if (own) extra += drawn_inside(*own, main.scale());
   if (detail) extra += detail->frame();
-  main.draw(page, sheet, top - main.height(), "", extra);
+  main.draw(page, sheet, grid.box(0), "", extra);
   std::string csv = sheet.csv() + rows_of(whole);
   if (detail) {
-    detail->view.draw(page, sheet, kBelow, detail->title, detail->frame());
+    detail->view.draw(page, sheet, grid.box(1), detail->title, detail->frame());
     csv += rows_of(detail->list);
   }
-  return {
-      {"drawing", "The specimen at rest, to scale",
-       "The specimen as the experiment file describes it, before anything is loaded: materials, what is held, where "
-       "loads act and what is measured. Dimensions in millimetres.",
-       ""},
-      csv,
-      page};
+  const char* caption =
+      "The specimen as the experiment file describes it, before anything is loaded: materials, what is held, where "
+      "loads "
+      "act and what is measured. Dimensions in millimetres.";
+  return {{"drawing", title, caption}, csv, page};
 }
 
 }  // namespace

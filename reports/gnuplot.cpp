@@ -15,7 +15,6 @@ namespace taut::plot {
 namespace {
 
 constexpr double kCharacter = 7.3;  // average width of a character at the base size [px]
-constexpr double kRow = 19;         // height of a line of the legend [px]
 constexpr double kSample = 34;      // width of the mark before a line of the legend [px]
 
 /// A round number (1, 2 or 5 times a power of ten) near `step`.
@@ -31,33 +30,60 @@ std::string number(double value) {
   return std::isfinite(value) ? fmt::format("{:.10g}", value) : "NaN";
 }
 
-/// "set xtics ..." for one axis.
-std::string tics(char axis, const Axis& a) {
-  std::string text = fmt::format("set {0}range [{1}:{2}]\n", axis, number(a.low), number(a.high));
-  if (!a.logarithmic) {
-    const double first = std::ceil(a.low / a.step - 1e-9) * a.step;
-    return text +
-           fmt::format("unset logscale {0}\nset {0}tics autofreq {1},{2}\n", axis, number(first), number(a.step));
-  }
-  text += fmt::format("set logscale {0}\nset {0}tics (", axis);
-  const bool wide = a.high / a.low > 300;
-  bool any = false;
+/// Places of tics on a logarithmic axis, and what stands there.
+std::vector<std::pair<std::string, double>> logarithmic_tics(const Axis& a) {
+  std::vector<std::pair<std::string, double>> tics;
   if (a.high / a.low < 5) {  // too narrow for 1, 2, 5
-    for (double tic = std::ceil(a.low / a.step) * a.step; tic <= a.high; tic += a.step) {
-      text += fmt::format("{}'{:.6g}' {}", any ? ", " : "", tic, number(tic));
-      any = true;
-    }
-    return text + ")\n";
+    for (double tic = std::ceil(a.low / a.step) * a.step; tic <= a.high; tic += a.step)
+      tics.emplace_back(fmt::format("{:.6g}", tic), tic);
+    return tics;
   }
+  const bool wide = a.high / a.low > 300;
   for (double power = std::pow(10.0, std::floor(std::log10(a.low))); power <= a.high; power *= 10) {
     for (const double factor : {1.0, 2.0, 5.0}) {
       const double tic = factor * power;
       if (tic < a.low * (1 - 1e-9) || tic > a.high * (1 + 1e-9) || (wide && factor != 1)) continue;
-      text += fmt::format("{}'{:g}' {}", any ? ", " : "", tic, number(tic));
-      any = true;
+      tics.emplace_back(fmt::format("{:g}", tic), tic);
     }
   }
-  return text + ")\n";
+  return tics;
+}
+
+/// Range and tics of one axis.
+std::string scale_of(char axis, const Axis& a) {
+  const std::string range = fmt::format("set {0}range [{1}:{2}]\n", axis, number(a.low), number(a.high));
+  if (a.logarithmic) return range + fmt::format("set logscale {}\n", axis) + named_tics(axis, logarithmic_tics(a));
+  const double first = std::ceil(a.low / a.step - 1e-9) * a.step;
+  return range + fmt::format("unset logscale {0}\nset {0}tics autofreq {1},{2}\n", axis, number(first), number(a.step));
+}
+
+struct Stroke {
+  double x0, y0, x1, y1;
+};
+
+/// Lines of a legend's mark of this width, from its left end [px].
+std::vector<Stroke> strokes_of(LegendEntry::Kind kind, double width) {
+  const double middle = width / 2;
+  switch (kind) {
+    case LegendEntry::line:
+    case LegendEntry::dashes:
+      return {{0, 0, width, 0}};
+    case LegendEntry::bar_along_x:
+      return {{0, 0, width, 0}, {0, -4, 0, 4}, {width, -4, width, 4}};
+    case LegendEntry::bar_along_y:
+      return {{middle, -7, middle, 7}, {middle - 4, -7, middle + 4, -7}, {middle - 4, 7, middle + 4, 7}};
+    case LegendEntry::hatch: {
+      std::vector<Stroke> strokes = {{0, 4, width, 4}};
+      for (double x = 4; x < width; x += 6) strokes.push_back({x, 4, x - 5, -5});
+      return strokes;
+    }
+    default:
+      return {};
+  }
+}
+
+bool has_mark(const LegendEntry& entry) {
+  return entry.kind != LegendEntry::heading && entry.kind != LegendEntry::text;
 }
 
 std::string shell_quoted(const std::string& text) {
@@ -100,13 +126,8 @@ int symbol(size_t i) {
 
 std::string literal(std::string_view text) {
   std::string out = "'";
-  for (const char c : text) {
-    if (c == '\'') {
-      out += "''";
-    } else {
-      out += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;
-    }
-  }
+  for (const char c : text)
+    out += c == '\'' ? std::string("''") : std::string(1, static_cast<unsigned char>(c) < 0x20 ? ' ' : c);
   return out + "'";
 }
 
@@ -121,6 +142,43 @@ std::string shortened(const std::string& text, size_t length) {
     if ((text[bytes] & 0xC0) != 0x80 && ++characters == length) break;
   }
   return text.substr(0, bytes) + "…";
+}
+
+std::string plotted(const std::string& block, const std::string& style, const std::string& colour,
+                    const std::string& columns) {
+  return fmt::format("{} using {} with {} {} rgb '{}'", block, columns, style,
+                     style.starts_with("filledcurves") ? "fc" : "lc", colour);
+}
+
+std::string named_tics(char axis, const std::vector<std::pair<std::string, double>>& names) {
+  std::string text;
+  for (const auto& [name, place] : names)
+    text += fmt::format("{}{} {}", text.empty() ? "" : ", ", literal(name), number(place));
+  return fmt::format("set {}tics ({})\n", axis, text);
+}
+
+std::string horizontal_line(double y, const std::string& colour, const std::string& more) {
+  return fmt::format("set arrow from graph 0, {0} to graph 1, {0} nohead lw 1.5 {1}lc rgb '{2}'\n", first(y), more,
+                     colour);
+}
+
+std::string vertical_line(double x, const std::string& colour, const std::string& more) {
+  return fmt::format("set arrow from {0}, graph 0 to {0}, graph 1 nohead lw 1.5 {1}lc rgb '{2}'\n", first(x), more,
+                     colour);
+}
+
+std::string shade(const std::string& from, const std::string& to, const std::string& fill, const std::string& colour) {
+  return fmt::format("set object rectangle from {} to {} behind fs {} noborder fc rgb '{}'\n", from, to, fill, colour);
+}
+
+std::string first(double value) {
+  return fmt::format("first {:.10g}", value);
+}
+
+std::string outer_labels(Axis& x, Axis& y, bool lowest, bool leftmost) {
+  if (!lowest) x.label.clear();
+  if (!leftmost) y.label.clear();
+  return fmt::format("set format x '{}'\nset format y '{}'\n", lowest ? "%g" : "", leftmost ? "%g" : "");
 }
 
 Axis axis_over(std::vector<double> values, std::string label, int tics, bool with_zero) {
@@ -156,11 +214,21 @@ Axis logarithmic_axis_over(const std::vector<double>& values, std::string label)
   return axis;
 }
 
+double to_one_scale(Axis& x, Axis& y, double across, double least, double most) {
+  const double tall = std::clamp(across * (y.high - y.low) / (x.high - x.low), least, most);
+  const double scale = std::max((x.high - x.low) / across, (y.high - y.low) / tall);
+  for (const auto& [axis, pixels] : {std::pair(&x, across), std::pair(&y, tall)}) {
+    const double middle = (axis->low + axis->high) / 2;
+    axis->low = middle - scale * pixels / 2;
+    axis->high = middle + scale * pixels / 2;
+  }
+  return tall;
+}
+
 double legend_width(const std::vector<LegendEntry>& entries, double limit) {
   double width = 90;
   for (const LegendEntry& entry : entries) {
-    const double sample = entry.kind == LegendEntry::heading || entry.kind == LegendEntry::text ? 0 : kSample;
-    width = std::max(width, sample + kCharacter * static_cast<double>(length_of(entry.label)));
+    width = std::max(width, (has_mark(entry) ? kSample : 0) + kCharacter * static_cast<double>(length_of(entry.label)));
   }
   return std::min(width, limit);
 }
@@ -182,7 +250,7 @@ std::string Page::screen(double x, double y) const {
   return fmt::format("{:.5f},{:.5f}", x / width_, y / height_);
 }
 
-std::string Page::data(const std::vector<std::vector<double>>& rows) {
+std::string Page::data(const Rows& rows) {
   const std::string name = fmt::format("$d{}", ++block_count_);
   blocks_ += name + " << END\n";
   for (const std::vector<double>& row : rows) {
@@ -193,77 +261,55 @@ std::string Page::data(const std::vector<std::vector<double>>& rows) {
   return name;
 }
 
+void Page::add(Plots& plots, const Rows& rows, const std::string& style, const std::string& colour,
+               const std::string& columns) {
+  if (!rows.empty()) plots.push_back(plotted(data(rows), style, colour, columns));
+}
+
+void Page::mark(const LegendEntry& entry, double left, double y) {
+  constexpr double width = kSample - 10;
+  for (const Stroke& s : strokes_of(entry.kind, width)) {
+    marks_ +=
+        fmt::format("set arrow from screen {} to screen {} nohead lw 2 lc rgb '{}' {}\n", screen(left + s.x0, y + s.y0),
+                    screen(left + s.x1, y + s.y1), entry.colour, entry.kind == LegendEntry::dashes ? "dt (6,4)" : "");
+  }
+  if (entry.kind == LegendEntry::band || entry.kind == LegendEntry::area) {
+    const std::string fill = entry.kind == LegendEntry::band ? "transparent solid 0.25 noborder"
+                                                             : fmt::format("solid 1 border lc rgb '{}'", kBlack);
+    marks_ += fmt::format("set object rectangle from screen {} to screen {} fs {} fc rgb '{}'\n", screen(left, y - 6),
+                          screen(left + width, y + 6), fill, entry.colour);
+  } else if (entry.kind == LegendEntry::arrow) {
+    marks_ +=
+        fmt::format("set arrow from screen {} to screen {} head filled size screen {:.5f},18 lw 2.5 lc rgb '{}'\n",
+                    screen(left, y), screen(left + width, y), 10 / width_, entry.colour);
+  } else if (entry.kind == LegendEntry::point) {
+    marks_ += fmt::format("set label '' at screen {} point pt {} ps 0.9 lw 1.4 lc rgb '{}'\n",
+                          screen(left + width / 2, y), entry.symbol, entry.colour);
+  }
+}
+
 void Page::legend(double left, double top, const std::vector<LegendEntry>& entries) {
   const size_t longest = static_cast<size_t>((width_ - left - kSample) / kCharacter);
   double y = top;
   for (const LegendEntry& entry : entries) {
-    const bool marked = entry.kind != LegendEntry::heading && entry.kind != LegendEntry::text;
-    if (entry.kind == LegendEntry::heading && y != top) y -= 0.5 * kRow;
-    const double x0 = left, x1 = left + kSample - 10, middle = (x0 + x1) / 2;
-    const auto arrow = [&](double ax, double ay, double bx, double by, const char* more) {
-      marks_ += fmt::format("set arrow from screen {} to screen {} nohead lw 2 lc rgb '{}' {}\n", screen(ax, ay),
-                            screen(bx, by), entry.colour, more);
-    };
-    switch (entry.kind) {
-      case LegendEntry::heading:
-      case LegendEntry::text:
-        break;
-      case LegendEntry::line:
-        arrow(x0, y, x1, y, "");
-        break;
-      case LegendEntry::dashes:
-        arrow(x0, y, x1, y, "dt (6,4)");
-        break;
-      case LegendEntry::band:
-        marks_ += fmt::format(
-            "set object rectangle from screen {} to screen {} fs transparent solid 0.25 noborder fc rgb '{}'\n",
-            screen(x0, y - 6), screen(x1, y + 6), entry.colour);
-        break;
-      case LegendEntry::area:
-        marks_ +=
-            fmt::format("set object rectangle from screen {} to screen {} fs solid 1 border lc rgb '{}' fc rgb '{}'\n",
-                        screen(x0, y - 6), screen(x1, y + 6), kBlack, entry.colour);
-        break;
-      case LegendEntry::hatch:
-        arrow(x0, y + 4, x1, y + 4, "");
-        for (double x = x0 + 4; x < x1; x += 6) arrow(x, y + 4, x - 5, y - 5, "");
-        break;
-      case LegendEntry::arrow:
-        marks_ +=
-            fmt::format("set arrow from screen {} to screen {} head filled size screen {:.5f},18 lw 2.5 lc rgb '{}'\n",
-                        screen(x0, y), screen(x1, y), 10 / width_, entry.colour);
-        break;
-      case LegendEntry::point:
-        marks_ += fmt::format("set label '' at screen {} point pt {} ps 0.9 lw 1.4 lc rgb '{}'\n", screen(middle, y),
-                              entry.symbol, entry.colour);
-        break;
-      case LegendEntry::bar_along_x:
-        arrow(x0, y, x1, y, "");
-        arrow(x0, y - 4, x0, y + 4, "");
-        arrow(x1, y - 4, x1, y + 4, "");
-        break;
-      case LegendEntry::bar_along_y:
-        arrow(middle, y - 7, middle, y + 7, "");
-        arrow(middle - 4, y - 7, middle + 4, y - 7, "");
-        arrow(middle - 4, y + 7, middle + 4, y + 7, "");
-        break;
-    }
-    marks_ +=
-        fmt::format("set label {} at screen {} font ',12' tc rgb '{}'\n",
-                    literal(shortened(entry.label, longest + (marked ? 0 : 4))),
-                    screen(marked ? left + kSample : left, y), entry.kind == LegendEntry::heading ? kBlack : kGrey);
-    y -= kRow;
+    if (entry.kind == LegendEntry::heading && y != top) y -= 0.5 * kLegendRow;
+    mark(entry, left, y);
+    marks_ += fmt::format("set label {} at screen {} font ',12' tc rgb '{}'\n",
+                          literal(shortened(entry.label, longest + (has_mark(entry) ? 0 : 4))),
+                          screen(has_mark(entry) ? left + kSample : left, y),
+                          entry.kind == LegendEntry::heading ? kBlack : kGrey);
+    y -= kLegendRow;
   }
 }
 
-void Page::panel(const Box& box, const Axis& x, const Axis& y, const std::string& title, std::vector<std::string> plots,
+void Page::panel(const Box& box, const Axis& x, const Axis& y, const std::string& title, Plots plots,
                  const std::string& extra) {
   if (plots.empty()) plots.push_back("NaN");
   panels_ += fmt::format("set lmargin at screen {:.5f}\nset rmargin at screen {:.5f}\n", box.left / width_,
                          box.right / width_);
   panels_ += fmt::format("set bmargin at screen {:.5f}\nset tmargin at screen {:.5f}\n", box.bottom / height_,
                          box.top / height_);
-  panels_ += tics('x', x) + tics('y', y);
+  panels_ += scale_of('x', x) + scale_of('y', y);
   panels_ += fmt::format("set xlabel {}\nset ylabel {}\n", literal(x.label), literal(y.label));
   panels_ += fmt::format("set label {} at screen {} font ',13' tc rgb '{}'\n", literal(title),
                          screen(box.left, box.top + 12), kBlack);

@@ -26,6 +26,16 @@ std::string shortened(const std::string& text, size_t length);
 /// Characters, not bytes.
 size_t length_of(std::string_view utf8);
 
+/// Rows of numbers; an empty one interrupts a line.
+using Rows = std::vector<std::vector<double>>;
+
+/// What a panel draws, in the order of painting: "$d1 using 1:2 with lines".
+using Plots = std::vector<std::string>;
+
+/// A plot of columns of a block of data in one of gnuplot's styles: "lines lw 2", "points pt 6".
+std::string plotted(const std::string& block, const std::string& style, const std::string& colour,
+                    const std::string& columns = "1:2");
+
 struct Axis {
   std::string label;
   double low = 0, high = 1;
@@ -36,6 +46,24 @@ struct Axis {
 /// The axis that shows all finite `values` with a little room and about `tics` round tics; from zero on request.
 Axis axis_over(std::vector<double> values, std::string label, int tics, bool with_zero);
 Axis logarithmic_axis_over(const std::vector<double>& values, std::string label);
+
+/// Gives both axes one scale in a panel `across` wide, and returns its height: that of the data, within limits [px].
+double to_one_scale(Axis& x, Axis& y, double across, double least, double most);
+
+// gnuplot commands for one panel.
+
+/// Names along an axis instead of numbers.
+std::string named_tics(char axis, const std::vector<std::pair<std::string, double>>& names);
+/// A line through a whole panel at a value of y, or of x; `more` is gnuplot's ("dt (6,4)").
+std::string horizontal_line(double y, const std::string& colour, const std::string& more = "");
+std::string vertical_line(double x, const std::string& colour, const std::string& more = "");
+inline constexpr const char* kDashed = "dt (6,4) ";
+/// An area behind the plots, between two of gnuplot's positions ("graph 0, first -2"); `fill` is its style of filling.
+std::string shade(const std::string& from, const std::string& to, const std::string& fill, const std::string& colour);
+/// A place at a value of an axis, or at a fraction of the panel.
+std::string first(double value);
+/// Numbers and names of the axes at the outer panels of a grid alone.
+std::string outer_labels(Axis& x, Axis& y, bool lowest, bool leftmost);
 
 /// A rectangle on the page in pixels, from its lower left corner.
 struct Box {
@@ -50,7 +78,12 @@ struct LegendEntry {
   int symbol = 6;
 };
 
-/// Pixels that a legend needs across, at most `limit`.
+inline constexpr double kLegendRow = 19;  // height of a line of the legend [px]
+
+/// Pixels that a legend's lines need in height, and across, at most `limit`.
+inline double legend_height(const std::vector<LegendEntry>& entries) {
+  return kLegendRow * static_cast<double>(entries.size());
+}
 double legend_width(const std::vector<LegendEntry>& entries, double limit = 300);
 
 class Page {
@@ -59,7 +92,11 @@ class Page {
   Page(double width, double height, const std::string& title, const std::string& subtitle, bool simulated);
 
   /// Adds rows of numbers and returns the name under which plots refer to them.
-  std::string data(const std::vector<std::vector<double>>& rows);
+  std::string data(const Rows& rows);
+
+  /// Adds a plot of rows; nothing without any.
+  void add(Plots& plots, const Rows& rows, const std::string& style, const std::string& colour,
+           const std::string& columns = "1:2");
 
   /// Where things are, below the title; a legend of `legend_pixels` fits right of it.
   double width() const { return width_; }
@@ -69,7 +106,7 @@ class Page {
 
   /// Axes in `box` with `plots` ("$d1 using 1:2 with lines", drawn in this order); `extra` gnuplot lines come before
   /// and hold for this panel only if they set arrows, labels, objects or tics.
-  void panel(const Box& box, const Axis& x, const Axis& y, const std::string& title, std::vector<std::string> plots,
+  void panel(const Box& box, const Axis& x, const Axis& y, const std::string& title, Plots plots,
              const std::string& extra = "");
 
   /// The script that draws <name>.svg, .pdf and .png into the current folder.
@@ -77,6 +114,8 @@ class Page {
 
  private:
   std::string screen(double x, double y) const;
+  /// The mark of a line of the legend, from its left end.
+  void mark(const LegendEntry& entry, double left, double y);
 
   double width_, height_;
   std::string blocks_, marks_, panels_;

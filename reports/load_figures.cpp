@@ -12,7 +12,8 @@
 namespace taut::plot {
 namespace {
 
-constexpr double kPanelHeight = 330;  // px, axis labels and panel title not counted
+/// Readings by their index: x, y, sigma.
+using Points = std::map<size_t, std::vector<double>>;
 
 /// Readings of one channel in one series, and the curve that the fit draws through them.
 struct Group {
@@ -85,67 +86,39 @@ std::vector<LegendEntry> legend_of(const Groups& groups, const std::vector<Legen
   return entries;
 }
 
-/// Panels in up to three columns with the legend to their right.
-struct Grid {
-  double width = kPageWidth, height = 0;
-  std::vector<Box> boxes;
-  double legend_left = 0, legend_top = 0;
-};
-
-Grid grid_of(size_t count, size_t columns, double legend, double panel_height) {
-  constexpr double left = 86, gap = 56, below = 58, above = 30;
-  Grid grid;
-  const size_t rows = (count + columns - 1) / columns;
-  const double row = panel_height + below + above;
-  grid.height = kTitle + static_cast<double>(rows) * row;
-  grid.legend_left = grid.width - legend - 8;
-  grid.legend_top = grid.height - kTitle - above - 6;
-  const double gaps = gap * static_cast<double>(columns - 1);
-  const double across = (grid.legend_left - 24 - left - gaps) / static_cast<double>(columns);
-  for (size_t i = 0; i < count; ++i) {
-    const double x = left + static_cast<double>(i % columns) * (across + gap);
-    const double top = grid.height - kTitle - above - static_cast<double>(i / columns) * row;
-    grid.boxes.push_back({x, top - panel_height, x + across, top});
-  }
-  return grid;
+/// The same with what stands for the fitted model.
+std::vector<LegendEntry> legend_with_model(const Groups& groups, const LegendEntry& bar) {
+  return legend_of(groups, {bar,
+                            {LegendEntry::heading, "Fitted model"},
+                            {LegendEntry::line, "curve"},
+                            {LegendEntry::band, "its 95 % band"}});
 }
 
-/// Plots of the readings of a group, bars below symbols, one symbol per trial, so that none hides another. Rows: x, y,
-/// sigma; `bars` is xerrorbars or yerrorbars.
-void add_points(Page& page, const RunRecord& record, const Groups& groups, const Group& group,
-                const std::map<size_t, std::vector<double>>& rows, const std::string& bars,
-                std::vector<std::string>& plots) {
-  std::vector<std::string> symbols;
+Grid grid_of(const std::vector<LegendEntry>& legend, size_t columns) {
+  return Grid({.left = 86}, legend, columns);
+}
+
+/// Plots of the readings of a group, bars below symbols, one symbol per trial, so that none hides another; `bars` is
+/// xerrorbars or yerrorbars.
+void add_points(Page& page, const RunRecord& record, const Groups& groups, const Group& group, const Points& points,
+                const std::string& bars, Plots& plots) {
+  Plots symbols;
   for (size_t t = 0; t < groups.trials.size(); ++t) {
-    std::vector<std::vector<double>> points;
-    for (const auto& [reading, row] : rows) {
-      if (record.readings[reading].trial == groups.trials[t]) points.push_back(row);
+    Rows rows;
+    for (const auto& [reading, row] : points) {
+      if (record.readings[reading].trial == groups.trials[t]) rows.push_back(row);
     }
-    if (points.empty()) continue;
-    const std::string block = page.data(points);
-    plots.push_back(fmt::format("{} using 1:2:3 with {} pt 0 ps 0 lw 1.2 lc rgb '{}'", block, bars, group.colour));
-    symbols.push_back(
-        fmt::format("{} using 1:2 with points pt {} ps 1 lw 1.4 lc rgb '{}'", block, symbol(t), group.colour));
+    if (rows.empty()) continue;
+    const std::string block = page.data(rows);
+    plots.push_back(plotted(block, bars + " pt 0 ps 0 lw 1.2", group.colour, "1:2:3"));
+    symbols.push_back(plotted(block, fmt::format("points pt {} ps 1 lw 1.4", symbol(t)), group.colour));
   }
   plots.insert(plots.end(), symbols.begin(), symbols.end());
 }
 
-/// A curve and its band, given as lower and upper points in the figure's own axes.
-struct Band {
-  std::vector<std::vector<double>> middle, lower, upper;
-};
-
-void add_band(Page& page, const Group& group, const Band& band, std::vector<std::string>& plots) {
-  if (band.middle.empty()) return;
-  std::vector<std::vector<double>> around = band.lower;
-  around.insert(around.end(), band.upper.rbegin(), band.upper.rend());
-  plots.push_back(fmt::format("{} using 1:2 with filledcurves closed fc rgb '{}'", page.data(around), group.colour));
-  plots.push_back(fmt::format("{} using 1:2 with lines lw 2 lc rgb '{}'", page.data(band.middle), group.colour));
-}
-
 /// Polynomial through points (x, y, sigma) by weighted least squares, as a line over their range; of a lower degree
 /// where there are too few different x.
-std::vector<std::vector<double>> trend(const std::map<size_t, std::vector<double>>& points, int degree) {
+Rows trend(const Points& points, int degree) {
   std::set<double> places;
   for (const auto& [reading, row] : points) places.insert(row[0]);
   if (places.size() < 2) return {};
@@ -164,7 +137,7 @@ std::vector<std::vector<double>> trend(const std::map<size_t, std::vector<double
     b[i++] = row[1] / row[2];
   }
   const Eigen::VectorXd coefficients = A.colPivHouseholderQr().solve(b);
-  std::vector<std::vector<double>> line_of_points;
+  Rows line_of_points;
   constexpr int steps = 40;
   for (int k = 0; k <= steps; ++k) {
     const double x = from + (to - from) * k / steps;
@@ -214,7 +187,7 @@ Unloaded unloaded_of(const RunRecord& record, const Group& group) {
 
 /// Secant stiffness of a group: points of its readings and a band of its curve, [N/m] over [N].
 struct Stiffness {
-  std::map<size_t, std::vector<double>> points;  ///< by reading: force, k, sigma of k
+  Points points;  ///< force, k, sigma of k
   Band band;
   bool increment = false;  ///< displacements are counted from the readings at zero load
   bool bound = false;      ///< the band is as wide as it can be: a correlation is not known
@@ -233,7 +206,6 @@ struct StiffnessNumbers {
 };
 
 Stiffness stiffness_of(const RunRecord& record, const Group& group, StiffnessNumbers& numbers) {
-  const std::string none;
   const Unloaded zero = unloaded_of(record, group);
   Stiffness out;
   out.increment = zero.available;
@@ -251,7 +223,7 @@ Stiffness stiffness_of(const RunRecord& record, const Group& group, StiffnessNum
     const double sigma = std::abs(force) * std::hypot(r.sigma, zero.sigma) / (delta * delta);
     out.points[i] = {force, k, sigma};
     numbers.add(force, k, sigma);
-    numbers.csv += line("reading", r.channel, group.series, r.trial, force, delta / kMillimetre, k, sigma, none, none);
+    numbers.csv += line("reading", r.channel, group.series, r.trial, force, delta / kMillimetre, k, sigma, "", "");
   }
   if (group.curve == nullptr) return out;
   const CurveRecord& curve = *group.curve;
@@ -267,28 +239,23 @@ Stiffness stiffness_of(const RunRecord& record, const Group& group, StiffnessNum
       se += zero.se;  // whatever their correlation, it is not more
       out.bound = true;
     }
-    const double half = std::isfinite(se) ? k95 * std::abs(force) * se / (delta * delta) : 0;
-    out.band.middle.push_back({force, k});
-    out.band.lower.push_back({force, k - half});
-    out.band.upper.push_back({force, k + half});
+    const double half = half95(se) * std::abs(force) / (delta * delta);
+    out.band.add(force, k, 0, half);
     numbers.add(force, k, half);
     numbers.csv +=
-        line("curve", group.channel, group.series, none, force, delta / kMillimetre, k, half / k95, k - half, k + half);
+        line("curve", group.channel, group.series, "", force, delta / kMillimetre, k, half / k95, k - half, k + half);
   }
   return out;
 }
 
 /// The plot of the polynomial through the points of a group, where there is one; its numbers go to `csv`.
-void add_trend(Page& page, const Group& group, const std::map<size_t, std::vector<double>>& points, int degree,
-               bool positive_only, std::string& csv, std::vector<std::string>& plots) {
-  const std::string none;
-  std::vector<std::vector<double>> polynomial = trend(points, degree);
+void add_trend(Page& page, const Group& group, const Points& points, int degree, bool positive_only, std::string& csv,
+               Plots& plots) {
+  Rows polynomial = trend(points, degree);
   std::erase_if(polynomial, [&](const std::vector<double>& point) { return positive_only && !(point[1] > 0); });
   for (const std::vector<double>& point : polynomial)
-    csv += line("trend", group.channel, group.series, none, point[0], none, point[1], none, none, none);
-  if (!polynomial.empty())
-    plots.push_back(
-        fmt::format("{} using 1:2 with lines lw 1.6 dt (6,4) lc rgb '{}'", page.data(polynomial), group.colour));
+    csv += line("trend", group.channel, group.series, "", point[0], "", point[1], "", "", "");
+  page.add(plots, polynomial, "lines lw 1.6 dt (6,4)", group.colour);
 }
 
 std::string stiffness_caption(bool any_increment, bool any_plain, bool any_bound, bool trend, bool logarithmic) {
@@ -308,75 +275,139 @@ std::string stiffness_caption(bool any_increment, bool any_plain, bool any_bound
   return caption;
 }
 
+/// A page with a panel for each channel; points are painted over curves.
+struct Sheet {
+  const Groups& groups;
+  Grid grid;
+  Page page;
+  std::vector<Plots> curves, points;  ///< of each panel
+
+  Sheet(const RunRecord& record, const Groups& all, const std::vector<LegendEntry>& legend, const std::string& title)
+      : groups(all),
+        grid(grid_of(legend, std::min<size_t>(groups.channels.size(), 3)).panels(groups.channels.size(), 330)),
+        page(grid.page(title, record.title, record.simulated)),
+        curves(groups.channels.size()),
+        points(groups.channels.size()) {}
+
+  void draw(size_t c, const Axis& x, const Axis& y) {
+    curves[c].insert(curves[c].end(), points[c].begin(), points[c].end());
+    page.panel(grid.box(c), x, y, panel_title(groups.channels[c]), curves[c]);
+  }
+};
+
+/// What two panels above each other show: residuals, and the same in standard deviations of the readings.
+struct Misses {
+  std::string title, unit;
+  Plots plots, scaled_plots;
+  std::vector<double> reach;
+
+  double size() const {
+    double size = 0;
+    for (const double value : reach) size = std::max(size, std::abs(value));
+    return size;
+  }
+};
+
+/// Numbers of all residuals, for axes and the CSV file.
+struct ResidualNumbers {
+  std::vector<double> places, scaled = {-2.6, 2.6};
+  std::string csv;
+};
+
+void add_misses(Page& page, const RunRecord& record, const Groups& groups, const Group& group,
+                const ReadingUnits& units, Misses& misses, ResidualNumbers& numbers) {
+  const WrittenUnit& unit = units.of(group.channel);
+  misses.unit = unit.label;
+  Points absolute, ratios;
+  for (const size_t i : group.readings) {
+    const ReadingRecord& r = record.readings[i];
+    const double load = has_loads(record) ? record.load_newtons[i] : std::nan("");
+    const double place = has_loads(record) ? load : static_cast<double>(i + 1);
+    const double residual = r.measured - r.predicted, ratio = residual / r.sigma;
+    absolute[i] = {place, residual / unit.factor, r.sigma / unit.factor};
+    ratios[i] = {place, ratio, 1};
+    numbers.places.push_back(place);
+    numbers.scaled.insert(numbers.scaled.end(), {ratio - 1, ratio + 1});
+    misses.reach.insert(misses.reach.end(), {(residual - r.sigma) / unit.factor, (residual + r.sigma) / unit.factor});
+    numbers.csv +=
+        units.row(line(r.channel, group.series, r.trial, load, absolute[i][1], absolute[i][2], ratio), r.channel);
+  }
+  add_points(page, record, groups, group, absolute, "yerrorbars", misses.plots);
+  add_points(page, record, groups, group, ratios, "yerrorbars", misses.scaled_plots);
+}
+
+/// Two rows of panels for each row of `all`, in `grid`.
+void draw_misses(Page& page, const Grid& grid, const RunRecord& record, const std::vector<Misses>& all,
+                 const ResidualNumbers& numbers, bool one_unit) {
+  // Panels of like size share their scale, so that they can be compared at a glance.
+  const auto [smallest, largest] = std::ranges::minmax(all, {}, &Misses::size);
+  std::vector<double> together;
+  for (const Misses& misses : all) together.insert(together.end(), misses.reach.begin(), misses.reach.end());
+  const bool common = one_unit && largest.size() < 5 * smallest.size();
+  const std::string x_label = has_loads(record) ? load_axis_label(record) : "reading";
+  for (size_t c = 0; c < all.size(); ++c) {
+    const size_t upper = c + c / grid.columns * grid.columns, lower = upper + grid.columns;
+    const bool first = grid.leftmost(c);
+    const Box box = grid.box(upper);
+    const Axis x = axis_over(numbers.places, x_label, tics_for(box), true);
+    const std::string label = first || !one_unit ? bracketed("measured − fitted", all[c].unit) : "";
+    page.panel(box, x, axis_over(common ? together : all[c].reach, label, 5, true), all[c].title, all[c].plots,
+               zero_line());
+    page.panel(grid.box(lower), x, axis_over(numbers.scaled, first ? "(measured − fitted) / σ" : "", 6, true),
+               all[c].title, all[c].scaled_plots, expected_band() + zero_line());
+  }
+}
+
 }  // namespace
 
 std::optional<Drawing> force_displacement(const RunRecord& record) {
   if (!has_loads(record)) return std::nullopt;
   const Groups groups = groups_of(record);
-  const std::vector<LegendEntry> legend = legend_of(groups, {{LegendEntry::bar_along_x, "± 1 σ of a reading"},
-                                                             {LegendEntry::heading, "Fitted model"},
-                                                             {LegendEntry::line, "curve"},
-                                                             {LegendEntry::band, "its 95 % band"}});
   const ReadingUnits units(record);
-  const size_t columns = std::min<size_t>(groups.channels.size(), 3);
-  const Grid grid = grid_of(groups.channels.size(), columns, legend_width(legend), kPanelHeight);
   const std::string title = "Force and " + (units.what() == "value" ? "readings" : units.what());
-  Page page(grid.width, grid.height, title, record.title, record.simulated);
-  page.legend(grid.legend_left, grid.legend_top, legend);
+  Sheet sheet(record, groups, legend_with_model(groups, {LegendEntry::bar_along_x, "± 1 σ of a reading"}), title);
 
   std::string csv =
       units.heads(fmt::format("kind,channel,series,trial,load_N,{},{},{},{}\n", units.column(units.what()),
                               units.column("sigma"), units.column("band_lower"), units.column("band_upper")));
   std::vector<std::vector<double>> shown(groups.channels.size());
-  std::vector<std::vector<std::string>> points(groups.channels.size()), curves(groups.channels.size());
   std::vector<double> loads = record.load_newtons;
-  const std::string none;
   for (const Group& group : groups.all) {
-    std::map<size_t, std::vector<double>> rows;
+    std::vector<double>& reach = shown[group.panel];
+    Points points;
     const double unit = units.of(group.channel).factor;
     for (const size_t i : group.readings) {
       const ReadingRecord& r = record.readings[i];
-      const double x = group.sign * r.measured / unit, sigma = r.sigma / unit;
-      rows[i] = {x, record.load_newtons[i], sigma};
-      shown[group.panel].insert(shown[group.panel].end(), {x - sigma, x + sigma});
-      csv += units.row(line("reading", r.channel, group.series, r.trial, record.load_newtons[i], x, sigma, none, none),
-                       r.channel);
+      const double load = record.load_newtons[i], x = group.sign * r.measured / unit, sigma = r.sigma / unit;
+      points[i] = {x, load, sigma};
+      reach.insert(reach.end(), {x - sigma, x + sigma});
+      csv += units.row(line("reading", r.channel, group.series, r.trial, load, x, sigma, "", ""), r.channel);
     }
-    add_points(page, record, groups, group, rows, "xerrorbars", points[group.panel]);
+    add_points(sheet.page, record, groups, group, points, "xerrorbars", sheet.points[group.panel]);
     if (group.curve == nullptr) continue;
     Band band;
     for (size_t i = 0; i < group.curve->load.size(); ++i) {
       const double load = group.curve->load[i], x = group.sign * group.curve->value.at(i) / unit;
-      const double se = group.curve->se.at(i) / unit, half = std::isfinite(se) ? k95 * se : 0;
-      band.middle.push_back({x, load});
-      band.lower.push_back({x - half, load});
-      band.upper.push_back({x + half, load});
-      shown[group.panel].insert(shown[group.panel].end(), {x - half, x + half});
+      const double se = group.curve->se.at(i) / unit, half = half95(se);
+      band.add(x, load, half, 0);
+      reach.insert(reach.end(), {x - half, x + half});
       loads.push_back(load);
-      csv +=
-          units.row(line("curve", group.channel, group.series, none, load, x, se, x - half, x + half), group.channel);
+      csv += units.row(line("curve", group.channel, group.series, "", load, x, se, x - half, x + half), group.channel);
     }
-    add_band(page, group, band, curves[group.panel]);
+    band.draw(sheet.page, group.colour, sheet.curves[group.panel]);
   }
   for (size_t c = 0; c < groups.channels.size(); ++c) {
-    curves[c].insert(curves[c].end(), points[c].begin(), points[c].end());
-    const Box& box = grid.boxes[c];
-    const std::string label =
-        bracketed(channel_axis(record, groups.channels[c]).label, units.of(groups.channels[c]).label);
-    page.panel(box, axis_over(shown[c], label, tics_for(box), true),
-               axis_over(loads, c % columns == 0 ? load_axis_label(record) : "", 6, true),
-               panel_title(groups.channels[c]), curves[c]);
+    const std::string& channel = groups.channels[c];
+    const std::string label = bracketed(channel_axis(record, channel).label, units.of(channel).label);
+    sheet.draw(c, axis_over(shown[c], label, tics_for(sheet.grid.box(c)), true),
+               axis_over(loads, sheet.grid.leftmost(c) ? load_axis_label(record) : "", 6, true));
   }
-  return Drawing{
-      {"force_displacement", title,
-       fmt::format("Every reading is a point at the magnitude of its {}; the bars are one standard deviation "
-                   "to either side. The line is the fitted "
-                   "model, the band around it the 95 % interval of the curve (often thinner than the line). "
-                   "A good fit passes through the points within about two bars.",
-                   units.what()),
-       ""},
-      csv,
-      page};
+  const std::string caption = fmt::format(
+      "Every reading is a point at the magnitude of its {}; the bars are one standard deviation to either "
+      "side. The line is the fitted model, the band around it the 95 % interval of the curve (often "
+      "thinner than the line). A good fit passes through the points within about two bars.",
+      units.what());
+  return Drawing{{"force_displacement", title, caption}, csv, sheet.page};
 }
 
 std::optional<Drawing> effective_stiffness(const RunRecord& record) {
@@ -393,135 +424,78 @@ std::optional<Drawing> effective_stiffness(const RunRecord& record) {
   const bool any_bound = std::ranges::any_of(rows, &Stiffness::bound);
   if (numbers.centres.empty()) return std::nullopt;
 
-  std::vector<LegendEntry> legend = legend_of(groups, {{LegendEntry::bar_along_y, "± 1 σ, propagated"},
-                                                       {LegendEntry::heading, "Fitted model"},
-                                                       {LegendEntry::line, "curve"},
-                                                       {LegendEntry::band, "its 95 % band"}});
+  std::vector<LegendEntry> legend = legend_with_model(groups, {LegendEntry::bar_along_y, "± 1 σ, propagated"});
   if (record.trend_degree > 0) {
     legend.push_back({LegendEntry::heading, "Trend, no model"});
     legend.push_back({LegendEntry::dashes, fmt::format("polynomial, degree {}", record.trend_degree)});
   }
-  const size_t columns = std::min<size_t>(groups.channels.size(), 3);
-  const Grid grid = grid_of(groups.channels.size(), columns, legend_width(legend), kPanelHeight);
   const bool increments = any_increment && !any_plain;
-  const std::string title = increments ? "Effective stiffness: force per increment beyond self-weight"
-                                       : "Effective stiffness: force per displacement";
-  Page page(grid.width, grid.height, title, record.title, record.simulated);
-  page.legend(grid.legend_left, grid.legend_top, legend);
+  Sheet sheet(record, groups, legend,
+              increments ? "Effective stiffness: force per increment beyond self-weight"
+                         : "Effective stiffness: force per displacement");
 
   // One common axis; a long bar of one poor reading does not squeeze the rest.
   const auto [low, high] = std::ranges::minmax(numbers.centres);
   const double room = std::max(0.5 * (high - low), 0.02 * std::max(std::abs(low), std::abs(high)));
-  for (double& value : numbers.reach) value = std::clamp(value, low - room, high + room);
   const bool logarithmic = low > 0 && high / low > 8;
+  for (double& value : numbers.reach) {
+    value = std::clamp(value, low - room, high + room);
+    if (logarithmic) value = std::clamp(value, low / 1.3, high * 1.3);
+  }
   const std::string label = std::string(increments ? "force / increment" : "force / displacement") + " [N/m]" +
                             (logarithmic ? ", logarithmic" : "");
-  for (double& value : numbers.reach) value = logarithmic ? std::clamp(value, low / 1.3, high * 1.3) : value;
-  std::vector<std::vector<std::string>> points(groups.channels.size()), curves(groups.channels.size());
   for (size_t g = 0; g < groups.all.size(); ++g) {
-    const size_t panel = groups.all[g].panel;
-    add_points(page, record, groups, groups.all[g], rows[g].points, "yerrorbars", points[panel]);
-    add_band(page, groups.all[g], rows[g].band, curves[panel]);
+    const Group& group = groups.all[g];
+    Plots& curves = sheet.curves[group.panel];
+    add_points(sheet.page, record, groups, group, rows[g].points, "yerrorbars", sheet.points[group.panel]);
+    rows[g].band.draw(sheet.page, group.colour, curves);
     if (record.trend_degree > 0)
-      add_trend(page, groups.all[g], rows[g].points, record.trend_degree, logarithmic, numbers.csv, curves[panel]);
+      add_trend(sheet.page, group, rows[g].points, record.trend_degree, logarithmic, numbers.csv, curves);
   }
   for (size_t c = 0; c < groups.channels.size(); ++c) {
-    curves[c].insert(curves[c].end(), points[c].begin(), points[c].end());
-    const Box& box = grid.boxes[c];
-    const std::string shown = c % columns == 0 ? label : "";
-    page.panel(box, axis_over(numbers.loads, load_axis_label(record), tics_for(box), true),
-               logarithmic ? logarithmic_axis_over(numbers.reach, shown) : axis_over(numbers.reach, shown, 6, false),
-               panel_title(groups.channels[c]), curves[c]);
+    const std::string shown = sheet.grid.leftmost(c) ? label : "";
+    sheet.draw(c, axis_over(numbers.loads, load_axis_label(record), tics_for(sheet.grid.box(c)), true),
+               logarithmic ? logarithmic_axis_over(numbers.reach, shown) : axis_over(numbers.reach, shown, 6, false));
   }
   const std::string caption =
       stiffness_caption(any_increment, any_plain, any_bound, record.trend_degree > 0, logarithmic);
-  return Drawing{{"effective_stiffness", "Effective stiffness", caption, ""}, numbers.csv, page};
+  return Drawing{{"effective_stiffness", "Effective stiffness", caption}, numbers.csv, sheet.page};
 }
 
 std::optional<Drawing> residuals(const RunRecord& record) {
   if (record.readings.empty() || over_strain(record) || over_time(record)) return std::nullopt;
   const Groups groups = groups_of(record);
-  const bool loads_known = has_loads(record);
-  std::vector<LegendEntry> legend = legend_of(groups, {{LegendEntry::bar_along_y, "± 1 σ of a reading"}});
-  legend.push_back({LegendEntry::heading, "Expectation"});
-  legend.push_back({LegendEntry::line, "fitted model", kBlack});
-  legend.push_back({LegendEntry::band, "95 % if all is right"});
+  const std::vector<LegendEntry> legend = legend_of(groups, {{LegendEntry::bar_along_y, "± 1 σ of a reading"},
+                                                             {LegendEntry::heading, "Expectation"},
+                                                             {LegendEntry::line, "fitted model", kBlack},
+                                                             {LegendEntry::band, "95 % if all is right"}});
   // Several series in one panel would lie on top of each other.
   const bool split = groups.series.size() > 1 && groups.all.size() <= 9;
-  const size_t count = split ? groups.all.size() : groups.channels.size();
-  const size_t columns = count == 4 ? 2 : std::min<size_t>(count, 3);
-  const size_t blocks = (count + columns - 1) / columns;
-  const Grid grid = grid_of(2 * blocks * columns, columns, legend_width(legend), 210);
-  Page page(grid.width, grid.height, "What the fitted model misses", record.title, record.simulated);
-  page.legend(grid.legend_left, grid.legend_top, legend);
+  std::vector<Misses> misses(split ? groups.all.size() : groups.channels.size());
+  const size_t columns = misses.size() == 4 ? 2 : std::min<size_t>(misses.size(), 3);
+  const Grid grid = grid_of(legend, columns).panels(2 * columns * rows_of(misses.size(), columns), 210);
+  const std::string title = "What the fitted model misses";
+  Page page = grid.page(title, record.title, record.simulated);
 
   const ReadingUnits units(record);
-  std::string csv = units.heads(fmt::format("channel,series,trial,load_N,{},{},normalised_residual\n",
-                                            units.column("residual"), units.column("sigma")));
-  std::vector<std::vector<std::string>> above(count), below(count);
-  std::vector<std::vector<double>> reach(count);
-  std::vector<std::string> names(count), unit_labels(count);
-  std::vector<double> places, scaled = {-2.6, 2.6};
+  ResidualNumbers numbers;
+  numbers.csv = units.heads(fmt::format("channel,series,trial,load_N,{},{},normalised_residual\n",
+                                        units.column("residual"), units.column("sigma")));
   for (size_t g = 0; g < groups.all.size(); ++g) {
     const Group& group = groups.all[g];
-    const size_t panel = split ? g : group.panel;
-    names[panel] = panel_title(group.channel);
-    if (split) names[panel] = groups.channels.size() > 1 ? names[panel] + ", " + group.series : group.series;
-    const WrittenUnit& unit = units.of(group.channel);
-    unit_labels[panel] = unit.label;
-    std::map<size_t, std::vector<double>> misses, ratios;
-    for (const size_t i : group.readings) {
-      const ReadingRecord& r = record.readings[i];
-      const double place = loads_known ? record.load_newtons[i] : static_cast<double>(i + 1);
-      const double residual = r.measured - r.predicted;
-      misses[i] = {place, residual / unit.factor, r.sigma / unit.factor};
-      ratios[i] = {place, residual / r.sigma, 1};
-      places.push_back(place);
-      scaled.insert(scaled.end(), {residual / r.sigma - 1, residual / r.sigma + 1});
-      reach[panel].insert(reach[panel].end(), {(residual - r.sigma) / unit.factor, (residual + r.sigma) / unit.factor});
-      csv += units.row(line(r.channel, group.series, r.trial,
-                            loads_known ? record.load_newtons[i] : std::numeric_limits<double>::quiet_NaN(),
-                            residual / unit.factor, r.sigma / unit.factor, residual / r.sigma),
-                       r.channel);
-    }
-    add_points(page, record, groups, group, misses, "yerrorbars", above[panel]);
-    add_points(page, record, groups, group, ratios, "yerrorbars", below[panel]);
+    Misses& to = misses[split ? g : group.panel];
+    to.title = panel_title(group.channel);
+    if (split) to.title = groups.channels.size() > 1 ? to.title + ", " + group.series : group.series;
+    add_misses(page, record, groups, group, units, to, numbers);
   }
-  // Panels of like size share their scale, so that they can be compared at a glance.
-  double smallest = std::numeric_limits<double>::infinity(), largest = 0;
-  std::vector<double> together;
-  for (const std::vector<double>& values : reach) {
-    double size = 0;
-    for (const double value : values) size = std::max(size, std::abs(value));
-    smallest = std::min(smallest, size);
-    largest = std::max(largest, size);
-    together.insert(together.end(), values.begin(), values.end());
-  }
-  const bool common = units.common() && largest < 5 * smallest;
-  const std::string x_label = loads_known ? load_axis_label(record) : "reading";
-  for (size_t c = 0; c < count; ++c) {
-    const size_t upper = (c / columns) * 2 * columns + c % columns, lower = upper + columns;
-    const bool first = c % columns == 0;
-    const Box& box = grid.boxes[upper];
-    page.panel(box, axis_over(places, x_label, tics_for(box), true),
-               axis_over(common ? together : reach[c],
-                         first || !units.common() ? bracketed("measured − fitted", unit_labels[c]) : "", 5, true),
-               names[c], above[c], zero_line());
-    page.panel(grid.boxes[lower], axis_over(places, x_label, tics_for(box), true),
-               axis_over(scaled, first ? "(measured − fitted) / σ" : "", 6, true), names[c], below[c],
-               expected_band() + zero_line());
-  }
-  return Drawing{
-      {"residuals", "What the fitted model misses",
-       fmt::format("Above in {}, below in standard deviations of the reading. If the model and the declared "
-                   "standard deviations are right, about 95 % of the points below lie in the grey band, without a "
-                   "trend.",
-                   !units.common()                 ? "the units of the readings"
-                   : units.common()->label == "mm" ? "millimetres"
-                                                   : units.common()->label),
-       ""},
-      csv,
-      page};
+  draw_misses(page, grid, record, misses, numbers, units.common().has_value());
+  const std::string caption = fmt::format(
+      "Above in {}, below in standard deviations of the reading. If the model and the declared standard "
+      "deviations are right, about 95 % of the points below lie in the grey band, without a trend.",
+      !units.common()                 ? "the units of the readings"
+      : units.common()->label == "mm" ? "millimetres"
+                                      : units.common()->label);
+  return Drawing{{"residuals", title, caption}, numbers.csv, page};
 }
 
 }  // namespace taut::plot

@@ -10,8 +10,8 @@ namespace taut {
 struct Figure {
   std::string name;
   std::string title;
-  std::string caption;  ///< what a person should see in it, in one or two sentences
-  std::string svg;      ///< the SVG text, for inlining
+  std::string caption;   ///< what a person should see in it, in one or two sentences
+  std::string svg = "";  ///< the SVG text, for inlining
 };
 
 /// The page of a run without its figures.

@@ -10,6 +10,8 @@ std::optional<Drawing> force_displacement(const RunRecord& record);
 std::optional<Drawing> effective_stiffness(const RunRecord& record);
 std::optional<Drawing> residuals(const RunRecord& record);
 std::optional<Drawing> stress_strain(const RunRecord& record);
+/// The lines of a shape [mm].
+Rows lines_of(const ShapeRecord& shape);
 std::optional<Drawing> deformed_shapes(const RunRecord& record);
 /// The same as panels beside each other, with filled regions and cables: for several materials, cables or several held
 /// values; else nothing.

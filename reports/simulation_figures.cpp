@@ -9,9 +9,7 @@
 namespace taut::plot {
 namespace {
 
-constexpr double kLeft = 86, kBelow = 58, kAbove = 30, kBetween = 30;  // of a panel, px
-constexpr double kLegendRow = 19;                                      // px
-constexpr size_t kFewSamples = 40;                                     // up to here each sample is a point
+constexpr size_t kFewSamples = 40;  // up to here each sample is a point
 
 std::string label_of(const Series& series) {
   return series.meaning.empty() ? series.id : series.meaning;
@@ -47,7 +45,8 @@ std::vector<std::vector<const Series*>> by_unit(const std::vector<const Series*>
 struct Panel {
   std::string title;
   std::vector<const Series*> y;
-  double least_height;  ///< px
+  double least_height;      ///< px
+  size_t first_colour = 0;  ///< of its curves
 };
 
 std::string dashes(size_t i) {
@@ -55,101 +54,98 @@ std::string dashes(size_t i) {
   return kinds[i / 7 % kinds.size()];  // where the colours begin again
 }
 
+/// `ends`: start and end of the curves are marked.
+std::vector<LegendEntry> legend_of(const Panel& panel, bool ends) {
+  std::vector<LegendEntry> entries;
+  for (const Series* series : panel.y) {
+    const size_t c = panel.first_colour + entries.size();
+    entries.push_back({dashes(c).empty() ? LegendEntry::line : LegendEntry::dashes, label_of(*series), colour(c)});
+  }
+  if (ends) {
+    entries.push_back({LegendEntry::point, "start", kGrey, 6});
+    entries.push_back({LegendEntry::point, "end", kGrey, 7});
+  }
+  return entries;
+}
+
+/// The axis that all panels share: where the ends are not marked from the first to the last sample, no farther, with a
+/// little room around the points of few samples.
+Axis common_axis(const std::vector<double>& xs, bool ends) {
+  Axis x = axis_over(xs, "", 8, false);
+  const auto [low, high] = std::ranges::minmax_element(xs);
+  if (ends || low == xs.end() || !(*high > *low)) return x;
+  const double room = xs.size() <= kFewSamples ? 0.03 * (x.high - x.low) : 0;
+  x.low = *low - room;
+  x.high = *high + room;
+  return x;
+}
+
+void draw_panel(Page& page, const Box& box, const Panel& panel, const Axis& x, const std::vector<double>& xs,
+                bool ends) {
+  const WrittenUnit unit = common_unit(panel.y);
+  const bool few = xs.size() <= kFewSamples, low = box.top - box.bottom < 200;
+  std::vector<double> shown;
+  Plots plots, marks;
+  for (size_t i = 0; i < panel.y.size(); ++i) {
+    const size_t c = panel.first_colour + i;
+    Rows rows, real;
+    for (size_t k = 0; k < xs.size(); ++k) {
+      const double y = panel.y[i]->values[k] / unit.factor;
+      shown.push_back(y);
+      rows.emplace_back();  // where there is no value the line is interrupted
+      if (std::isfinite(y) && std::isfinite(xs[k])) real.push_back(rows.back() = {xs[k], y});
+    }
+    if (real.empty()) continue;
+    page.add(plots, rows, (few ? "linespoints pt 7 ps 0.4 lw 2 " : "lines lw 2 ") + dashes(c), colour(c));
+    if (!ends) continue;
+    page.add(marks, {real.front()}, "points pt 6 ps 1.1 lw 2", colour(c));
+    page.add(marks, {real.back()}, "points pt 7 ps 1", colour(c));
+  }
+  plots.insert(plots.end(), marks.begin(), marks.end());
+  const std::string what = panel.y.size() == 1 && !low ? shortened(label_of(*panel.y.front()), 34) : "";
+  page.panel(box, x, axis_over(shown, bracketed(what, unit.label), low ? 3 : 6, false), panel.title, plots);
+}
+
+/// A column for x and each series.
+std::string csv_of(const Series& x, const std::vector<Panel>& panels) {
+  std::vector<const Series*> columns = {&x};
+  for (const Panel& panel : panels) columns.insert(columns.end(), panel.y.begin(), panel.y.end());
+  std::string csv;
+  const auto add = [&](auto&& text) {
+    for (const Series* series : columns) csv += text(*series, written_unit(series->unit)) + ",";
+    csv.back() = '\n';
+  };
+  add([](const Series& series, const WrittenUnit& unit) { return series.id + "_" + unit.suffix; });
+  for (size_t k = 0; k < x.values.size(); ++k)
+    add([&](const Series& series, const WrittenUnit& unit) { return field(series.values[k] / unit.factor); });
+  return csv;
+}
+
 /// Panels above each other over one x; `ends`: start and end of the curves are marked.
 Drawing curves(const SimulationRecord& record, const std::string& name, const std::string& title,
-               const std::string& caption, const Series& x_series, const std::vector<Panel>& panels, bool ends) {
+               const std::string& caption, const Series& x_series, std::vector<Panel> panels, bool ends) {
   const WrittenUnit x_unit = shown_unit(x_series.unit, x_series.values);
-  const size_t count = x_series.values.size();
-  std::vector<double> xs;
+  std::vector<double> xs, heights;
   for (const double x : x_series.values) xs.push_back(x / x_unit.factor);
-  Axis x = axis_over(xs, bracketed(label_of(x_series), x_unit.label), 8, false);
-  const double room = 0.03 * (x.high - x.low);
-  if (!ends && count > 1) {  // from the first to the last sample, no farther
-    const auto [low, high] = std::ranges::minmax(xs);
-    if (high > low) {
-      x.low = low;
-      x.high = high + (count <= kFewSamples ? room : 0);
-      if (count <= kFewSamples) x.low -= room;
-    }
-  }
-
   std::vector<std::vector<LegendEntry>> legends;
-  double legend = 0, height = kTitle;
-  std::vector<double> tall;
-  std::vector<size_t> first_colour;
   size_t used = 0;
-  for (const Panel& panel : panels) {
-    first_colour.push_back(used);
+  for (Panel& panel : panels) {
+    panel.first_colour = used;
     used += panel.y.size();
-    std::vector<LegendEntry>& entries = legends.emplace_back();
-    for (size_t i = 0; i < panel.y.size(); ++i) {
-      const size_t c = first_colour.back() + i;
-      entries.push_back(
-          {dashes(c).empty() ? LegendEntry::line : LegendEntry::dashes, label_of(*panel.y[i]), colour(c)});
-    }
-    if (ends) {
-      entries.push_back({LegendEntry::point, "start", kGrey, 6});
-      entries.push_back({LegendEntry::point, "end", kGrey, 7});
-    }
-    legend = std::max(legend, legend_width(entries));
-    tall.push_back(std::max(panel.least_height, kLegendRow * static_cast<double>(entries.size()) + 10));
-    height += kAbove + tall.back() + (legends.size() < panels.size() ? kBetween : kBelow);
+    legends.push_back(legend_of(panel, ends));
+    heights.push_back(std::max(panel.least_height, legend_height(legends.back()) + 10));
   }
-  const double legend_left = kPageWidth - legend - 8;
-
-  Page page(kPageWidth, height, "Simulation: " + title, record.title, false);
-  std::string header = x_series.id + "_" + written_unit(x_series.unit).suffix + ",";
-  std::vector<const Series*> columns;
-  double top = height - kTitle - kAbove;
+  const auto& widest = *std::ranges::max_element(legends, {}, [](const auto& legend) { return legend_width(legend); });
+  const Grid grid = Grid({.left = 86, .below = 30, .foot = 28}, widest).rows(heights);
+  Page page(kPageWidth, grid.height, "Simulation: " + title, record.title, false);
+  Axis x = common_axis(xs, ends);
   for (size_t p = 0; p < panels.size(); ++p) {
-    const Panel& panel = panels[p];
-    const WrittenUnit unit = common_unit(panel.y);
-    std::vector<double> shown;
-    std::vector<std::string> plots, marks;
-    for (size_t i = 0; i < panel.y.size(); ++i) {
-      const Series& series = *panel.y[i];
-      const size_t c = first_colour[p] + i;
-      columns.push_back(&series);
-      header += series.id + "_" + written_unit(series.unit).suffix + ",";
-      std::vector<std::vector<double>> rows, first, last;
-      for (size_t k = 0; k < count; ++k) {
-        const double y = series.values[k] / unit.factor;
-        shown.push_back(y);
-        if (!std::isfinite(y) || !std::isfinite(xs[k])) {
-          rows.push_back({});  // the line is interrupted
-          continue;
-        }
-        rows.push_back({xs[k], y});
-        if (first.empty()) first = {rows.back()};
-        last = {rows.back()};
-      }
-      if (last.empty()) continue;
-      plots.push_back(fmt::format("{} using 1:2 with {} lw 2 {} lc rgb '{}'", page.data(rows),
-                                  count <= kFewSamples ? "linespoints pt 7 ps 0.4" : "lines", dashes(c), colour(c)));
-      if (ends) {
-        marks.push_back(
-            fmt::format("{} using 1:2 with points pt 6 ps 1.1 lw 2 lc rgb '{}'", page.data(first), colour(c)));
-        marks.push_back(fmt::format("{} using 1:2 with points pt 7 ps 1 lc rgb '{}'", page.data(last), colour(c)));
-      }
-    }
-    plots.insert(plots.end(), marks.begin(), marks.end());
-    const bool low = tall[p] < 200;
-    const std::string what = panel.y.size() == 1 && !low ? shortened(label_of(*panel.y.front()), 34) : "";
-    const Axis y = axis_over(shown, bracketed(what, unit.label), low ? 3 : 6, false);
-    Axis panel_x = x;
-    if (p + 1 < panels.size()) panel_x.label.clear();
-    page.panel({kLeft, top - tall[p], legend_left - 24, top}, panel_x, y, panel.title, plots);
-    page.legend(legend_left, top - 8, legends[p]);
-    top -= tall[p] + kBetween + kAbove;
+    if (p + 1 == panels.size()) x.label = bracketed(label_of(x_series), x_unit.label);
+    const Box box = grid.box(p);
+    draw_panel(page, box, panels[p], x, xs, ends);
+    page.legend(grid.legend_left, box.top - 8, legends[p]);
   }
-  header.back() = '\n';
-  std::string csv = header;
-  for (size_t k = 0; k < count; ++k) {
-    csv += field(x_series.values[k] / written_unit(x_series.unit).factor);
-    for (const Series* series : columns) csv += "," + field(series->values[k] / written_unit(series->unit).factor);
-    csv += "\n";
-  }
-  return Drawing{{name, title, caption, ""}, csv, page};
+  return Drawing{{name, title, caption}, csv_of(x_series, panels), page};
 }
 
 bool moves(const Series& series) {
@@ -212,60 +208,39 @@ std::optional<Drawing> workspaces(const SimulationRecord& record) {
   std::vector<double> xs, ys;
   std::vector<LegendEntry> legend = {{LegendEntry::heading, "Mode and area"}};
   std::string csv = "mode,kind,x_mm,y_mm\n";
-  for (size_t i = 0; i < record.workspaces.size(); ++i) {
-    const SimulationRecord::Workspace& space = record.workspaces[i];
-    legend.push_back({LegendEntry::line, fmt::format("{}: {:.3g} cm²", space.mode, space.area / 1e-4), colour(i)});
+  for (const SimulationRecord::Workspace& space : record.workspaces) {
+    legend.push_back(
+        {LegendEntry::line, fmt::format("{}: {:.3g} cm²", space.mode, space.area / 1e-4), colour(legend.size() - 1)});
     for (const auto& [kind, points] : {std::pair("point", &space.points), std::pair("outline", &space.outline)}) {
-      for (const Eigen::Vector2d& p : *points) {
-        xs.push_back(p.x() / kMillimetre);
-        ys.push_back(p.y() / kMillimetre);
-        csv += line(space.mode, std::string(kind), xs.back(), ys.back());
+      for (const std::vector<double>& p : rows_in(kMillimetre, *points)) {
+        xs.push_back(p[0]);
+        ys.push_back(p[1]);
+        csv += line(space.mode, kind, p[0], p[1]);
       }
     }
   }
   legend.push_back({LegendEntry::point, "one equilibrium", kGrey, 7});
   Axis x = axis_over(xs, "x [mm]", 8, false), y = axis_over(ys, "y [mm]", 6, false);
-  const double legend_left = kPageWidth - legend_width(legend) - 8, across = legend_left - 24 - kLeft;
-  const double rows = kLegendRow * static_cast<double>(legend.size()) + 20;
-  const double tall = std::clamp(across * (y.high - y.low) / (x.high - x.low), std::max(240.0, rows), 620.0);
-  const double scale = std::max((x.high - x.low) / across, (y.high - y.low) / tall);  // mm per px
-  for (const auto& [axis, pixels] : {std::pair(&x, across), std::pair(&y, tall)}) {
-    const double middle = (axis->low + axis->high) / 2;
-    axis->low = middle - scale * pixels / 2;
-    axis->high = middle + scale * pixels / 2;
-  }
+  Grid grid({.left = 86}, legend);
+  const double least = std::max(240.0, legend_height(legend) + 20);
+  grid.rows({to_one_scale(x, y, grid.across, least, 620)});
   x.step = y.step = std::max(x.step, y.step);
-  Page page(kPageWidth, kTitle + kAbove + tall + kBelow, "Simulation: reachable places", record.title, false);
-  page.legend(legend_left, kBelow + tall - 6, legend);
-  std::vector<std::string> points, outlines;
+  Page page = grid.page("Simulation: reachable places", record.title, false);
+  Plots areas, points, outlines;
   for (size_t i = 0; i < record.workspaces.size(); ++i) {
-    const auto rows_of = [](const std::vector<Eigen::Vector2d>& list) {
-      std::vector<std::vector<double>> out;
-      for (const Eigen::Vector2d& p : list) out.push_back({p.x() / kMillimetre, p.y() / kMillimetre});
-      return out;
-    };
-    if (!record.workspaces[i].points.empty()) {
-      points.push_back(fmt::format("{} using 1:2 with points pt 7 ps 0.35 lc rgb '{}'",
-                                   page.data(rows_of(record.workspaces[i].points)), colour(i)));
-    }
-    if (record.workspaces[i].outline.empty()) continue;
-    std::vector<std::vector<double>> outline = rows_of(record.workspaces[i].outline);
-    outline.push_back(std::vector<double>(outline.front()));
-    const std::string block = page.data(outline);
-    points.insert(points.begin(),
-                  fmt::format("{} using 1:2 with filledcurves closed fs transparent solid 0.12 noborder "
-                              "fc rgb '{}'",
-                              block, colour(i)));
-    outlines.push_back(fmt::format("{} using 1:2 with lines lw 2 lc rgb '{}'", block, colour(i)));
+    const SimulationRecord::Workspace& space = record.workspaces[i];
+    page.add(points, rows_in(kMillimetre, space.points), "points pt 7 ps 0.35", colour(i));
+    const Rows outline = closed(rows_in(kMillimetre, space.outline));
+    page.add(areas, outline, "filledcurves closed fs transparent solid 0.12 noborder", colour(i));
+    page.add(outlines, outline, "lines lw 2", colour(i));
   }
-  points.insert(points.end(), outlines.begin(), outlines.end());
-  page.panel({kLeft, kBelow, kLeft + across, kBelow + tall}, x, y, "", points);
-  return Drawing{{"workspaces", "reachable places",
-                  "Where the chosen place of the robot comes to in each actuation mode: every dot is one computed "
-                  "equilibrium, the line is the outline of all of them and the number its area.",
-                  ""},
-                 csv,
-                 page};
+  Plots plots(areas.rbegin(), areas.rend());
+  for (const Plots& more : {points, outlines}) plots.insert(plots.end(), more.begin(), more.end());
+  page.panel(grid.box(0), x, y, "", plots);
+  const char* caption =
+      "Where the chosen place of the robot comes to in each actuation mode: every dot is one computed equilibrium, the "
+      "line is the outline of all of them and the number its area.";
+  return Drawing{{"workspaces", "reachable places", caption}, csv, page};
 }
 
 }  // namespace taut::plot

@@ -11,12 +11,12 @@
 namespace taut {
 namespace {
 
-using plot::Box;
 using plot::LegendEntry;
 using plot::Page;
+using plot::Rows;
+using Runs = std::vector<std::optional<StabilityRun>>;
 
-constexpr double kWidth = 1180;  // px
-constexpr size_t kColumns = 4;   // panels beside each other
+constexpr size_t kColumns = 4;  // panels beside each other
 
 struct Look {
   int colour;         ///< 0xRRGGBB
@@ -40,13 +40,20 @@ const Look& look_of(Outcome outcome) {
 
 /// The names at the cells, or marks alone.
 std::string tics(char axis, const std::vector<std::string>& names, bool shown) {
-  std::string text = fmt::format("set {}tics (", axis);
-  for (size_t i = 0; i < names.size(); ++i)
-    text += fmt::format("{}{} {}", i == 0 ? "" : ", ", plot::literal(shown ? names[i] : ""), i);
-  return text + ")\n";
+  std::vector<std::pair<std::string, double>> places;
+  for (const std::string& name : names) places.emplace_back(shown ? name : "", places.size());
+  return plot::named_tics(axis, places);
 }
 
-std::vector<LegendEntry> legend_of(const StabilityMap& map, const std::vector<std::optional<StabilityRun>>& runs) {
+/// Calls action(x, y, run) for each cell of a method, row by row; the run is empty where there was none.
+template <class Action>
+void each_cell(const StabilityMap& map, const Runs& runs, size_t method, Action&& action) {
+  for (size_t y = 0; y < map.y.size(); ++y) {
+    for (size_t x = 0; x < map.x.size(); ++x) action(x, y, runs[map.cell(method, x, y)]);
+  }
+}
+
+std::vector<LegendEntry> legend_of(const StabilityMap& map, const Runs& runs) {
   std::vector<LegendEntry> legend{{LegendEntry::heading, "The run"}};
   for (size_t k = 0; k < kLooks.size(); ++k) {
     if (std::ranges::any_of(runs, [&](const auto& run) { return run && static_cast<size_t>(run->outcome) == k; }))
@@ -64,48 +71,37 @@ std::vector<LegendEntry> legend_of(const StabilityMap& map, const std::vector<st
 }
 
 /// The cells of one method as plots.
-std::vector<std::string> cells_of(Page& page, const StabilityMap& map,
-                                  const std::vector<std::optional<StabilityRun>>& runs, size_t method) {
-  std::vector<std::vector<double>> boxes, dark, light, dark_errors, light_errors;
-  for (size_t y = 0; y < map.y.size(); ++y) {
-    for (size_t x = 0; x < map.x.size(); ++x) {
-      const std::optional<StabilityRun>& run = runs[map.cell(method, x, y)];
-      const double i = static_cast<double>(x), j = static_cast<double>(y);
-      const int colour = run ? look_of(run->outcome).colour : 0xffffff;
-      boxes.push_back({i, j, i - 0.48, i + 0.48, j - 0.48, j + 0.48, static_cast<double>(colour)});
-      if (!run) continue;
-      const bool white = look_of(run->outcome).light, error = map.shows_error && std::isfinite(run->error);
-      (white ? light : dark).push_back({i, error ? j + 0.2 : j, static_cast<double>(run->iterations)});
-      if (error)
-        (white ? light_errors : dark_errors).push_back({i, j - 0.2, std::clamp(100 * run->error, -999.0, 999.0)});
+plot::Plots cells_of(Page& page, const StabilityMap& map, const Runs& runs, size_t method) {
+  Rows boxes;
+  std::array<Rows, 2> counts, errors;  // on dark cells last
+  each_cell(map, runs, method, [&](size_t x, size_t y, const std::optional<StabilityRun>& run) {
+    const double i = static_cast<double>(x), j = static_cast<double>(y);
+    const int colour = run ? look_of(run->outcome).colour : 0xffffff;
+    boxes.push_back({i, j, i - 0.48, i + 0.48, j - 0.48, j + 0.48, static_cast<double>(colour)});
+    if (!run) return;
+    const bool white = look_of(run->outcome).light, error = map.shows_error && std::isfinite(run->error);
+    counts[white].push_back({i, error ? j + 0.2 : j, static_cast<double>(run->iterations)});
+    if (error) errors[white].push_back({i, j - 0.2, std::clamp(100 * run->error, -999.0, 999.0)});
+  });
+  plot::Plots plots{page.data(boxes) + " using 1:2:3:4:5:6:7 with boxxyerror fs solid 1 noborder lc rgb variable"};
+  for (const auto& [texts, format] : {std::pair(counts, "%g"), std::pair(errors, "%+.0f %%")}) {
+    for (const bool white : {false, true}) {
+      if (texts[white].empty()) continue;
+      plots.push_back(fmt::format("{} using 1:2:(sprintf('{}',$3)) with labels font ',9' tc rgb '{}'",
+                                  page.data(texts[white]), format, white ? "#ffffff" : plot::kBlack));
     }
   }
-  std::vector<std::string> plots{page.data(boxes) +
-                                 " using 1:2:3:4:5:6:7 with boxxyerror fs solid 1 noborder lc rgb variable"};
-  const auto add = [&](const std::vector<std::vector<double>>& texts, const char* format, const char* colour) {
-    if (texts.empty()) return;
-    plots.push_back(fmt::format("{} using 1:2:(sprintf('{}',$3)) with labels font ',9' tc rgb '{}'", page.data(texts),
-                                format, colour));
-  };
-  add(dark, "%g", plot::kBlack);
-  add(light, "%g", "#ffffff");
-  add(dark_errors, "%+.0f %%", plot::kBlack);
-  add(light_errors, "%+.0f %%", "#ffffff");
   return plots;
 }
 
-std::string csv_of(const StabilityMap& map, const std::vector<std::optional<StabilityRun>>& runs) {
-  std::string csv = plot::line(std::string("method"), map.x_label, map.y_label, std::string("outcome"),
-                               std::string("iterations"), std::string("factorisations"), std::string("error"));
+std::string csv_of(const StabilityMap& map, const Runs& runs) {
+  std::string csv = plot::line("method", map.x_label, map.y_label, "outcome", "iterations", "factorisations", "error");
   for (size_t m = 0; m < map.methods.size(); ++m) {
-    for (size_t y = 0; y < map.y.size(); ++y) {
-      for (size_t x = 0; x < map.x.size(); ++x) {
-        const std::optional<StabilityRun>& run = runs[map.cell(m, x, y)];
-        if (!run) continue;
+    each_cell(map, runs, m, [&](size_t x, size_t y, const std::optional<StabilityRun>& run) {
+      if (run)
         csv += plot::line(map.methods[m], map.x[x], map.y[y], std::string(name_of(run->outcome)), run->iterations,
                           run->factorisations, run->error);
-      }
-    }
+    });
   }
   return csv;
 }
@@ -116,22 +112,18 @@ struct Score {
   double share() const { return run == 0 ? 0 : static_cast<double>(right) / run; }
 };
 
-Score score_of(const StabilityMap& map, const std::vector<std::optional<StabilityRun>>& runs, size_t method) {
+Score score_of(const StabilityMap& map, const Runs& runs, size_t method) {
   Score score{map.methods[method]};
-  for (size_t y = 0; y < map.y.size(); ++y) {
-    for (size_t x = 0; x < map.x.size(); ++x) {
-      const std::optional<StabilityRun>& run = runs[map.cell(method, x, y)];
-      if (!run) continue;
-      ++score.run;
-      score.right += run->outcome <= Outcome::cut_back;
-    }
-  }
+  each_cell(map, runs, method, [&](size_t, size_t, const std::optional<StabilityRun>& run) {
+    score.run += run.has_value();
+    score.right += run && run->outcome <= Outcome::cut_back;
+  });
   return score;
 }
 
 }  // namespace
 
-std::string sentence_of(const StabilityMap& map, const std::vector<std::optional<StabilityRun>>& runs) {
+std::string sentence_of(const StabilityMap& map, const Runs& runs) {
   std::vector<Score> scores;
   for (size_t m = 0; m < map.methods.size(); ++m) scores.push_back(score_of(map, runs, m));
   std::erase_if(scores, [](const Score& score) { return score.run == 0; });
@@ -146,39 +138,35 @@ std::string sentence_of(const StabilityMap& map, const std::vector<std::optional
                      other.method, other.right);
 }
 
-Figure draw_stability(const StabilityMap& map, const std::vector<std::optional<StabilityRun>>& runs,
-                      const std::string& subject, bool simulated, const std::string& folder) {
-  const std::vector<LegendEntry> legend = legend_of(map, runs);
-  const double legend_left = kWidth - plot::legend_width(legend) - 12;
+Figure draw_stability(const StabilityMap& map, const Runs& runs, const std::string& subject, bool simulated,
+                      const std::string& folder) {
   size_t longest = 0;
   for (const std::string& name : map.y) longest = std::max(longest, plot::length_of(name));
-  const double left = 46 + 8 * static_cast<double>(longest), gap = 18, below = 62, heading = 40;
-  const double across = (legend_left - 24 - left - gap * (kColumns - 1)) / kColumns;
-  const double tall = across * static_cast<double>(map.y.size()) / static_cast<double>(map.x.size());
-  const size_t rows = (map.methods.size() + kColumns - 1) / kColumns;
-  const double each = heading + tall;
-  const double height = std::max(plot::kTitle + each * static_cast<double>(rows) + below,
-                                 plot::kTitle + 19.0 * static_cast<double>(legend.size()) + 60);
+  const double heading = 40, wide = static_cast<double>(map.x.size()), high = static_cast<double>(map.y.size());
+  plot::Grid grid({.left = 46 + 8 * static_cast<double>(longest),
+                   .gap = 18,
+                   .above = heading,
+                   .below = 0,
+                   .foot = 62,
+                   .edge = 12,
+                   .page = 1180},
+                  legend_of(map, runs), kColumns);
+  grid.panels(map.methods.size(), grid.across * high / wide);
   const std::string title = sentence_of(map, runs);
   std::string subtitle = subject + ": " + map.setting;
   if (plot::length_of(subtitle) > 155) subtitle = subject.substr(0, subject.find(',')) + ": " + map.setting;
-  Page page(kWidth, height, title, subtitle, simulated);
-  page.legend(legend_left, height - plot::kTitle - heading, legend);
+  Page page = grid.page(title, subtitle, simulated, heading);
   for (size_t m = 0; m < map.methods.size(); ++m) {
-    const size_t row = m / kColumns, column = m % kColumns;
-    const double top = height - plot::kTitle - static_cast<double>(row) * each - heading;
-    const double from = left + static_cast<double>(column) * (across + gap);
     // The last panel above an empty place needs its numbers too.
-    const bool lowest = m + kColumns >= map.methods.size(), first = column == 0;
-    plot::Axis x{lowest ? map.x_label : "", -0.5, static_cast<double>(map.x.size()) - 0.5, 1},
-        y{first ? map.y_label : "", -0.5, static_cast<double>(map.y.size()) - 0.5, 1};
-    const std::string extra = "unset grid\n" + tics('x', map.x, lowest) + tics('y', map.y, first) +
-                              "set xtics font ',10'\nset ytics font ',10'\n";
-    page.panel({from, top - tall, from + across, top}, x, y,
-               plot::shortened(map.methods[m], static_cast<size_t>(across / 6.6)), cells_of(page, map, runs, m), extra);
+    const bool lowest = m + kColumns >= map.methods.size(), first = grid.leftmost(m);
+    page.panel(grid.box(m), {lowest ? map.x_label : "", -0.5, wide - 0.5, 1},
+               {first ? map.y_label : "", -0.5, high - 0.5, 1},
+               plot::shortened(map.methods[m], static_cast<size_t>(grid.across / 6.6)), cells_of(page, map, runs, m),
+               "unset grid\n" + tics('x', map.x, lowest) + tics('y', map.y, first) +
+                   "set xtics font ',10'\nset ytics font ',10'\n");
   }
   const std::string caption = title + "; " + map.setting + ".";
-  return plot::finished({{"stability_" + map.id, title, caption, ""}, csv_of(map, runs), page}, folder);
+  return plot::finished({{"stability_" + map.id, title, caption}, csv_of(map, runs), page}, folder);
 }
 
 }  // namespace taut

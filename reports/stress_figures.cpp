@@ -20,14 +20,13 @@ double at_strain(const CurveRecord& curve, double strain) {
 /// What the two panels of a mode show.
 struct Mode {
   std::vector<double> strains, stresses, scaled = {-2.6, 2.6};  ///< for the axes
-  std::vector<std::string> curves, residuals;                   ///< plots above and below
+  Plots curves, residuals;                                      ///< above and below
 };
 
 /// Its numbers go to `csv`.
 Mode mode_of(Page& page, const RunRecord& record, const std::string& name, const std::vector<std::string>& series,
              std::string& csv) {
-  const std::string none;
-  std::vector<std::vector<double>> points;
+  Rows points;
   Mode mode;
   for (const ReadingRecord& r : record.readings) {
     if (r.channel != name) continue;
@@ -35,27 +34,22 @@ Mode mode_of(Page& page, const RunRecord& record, const std::string& name, const
     points.push_back({r.controls.at(0) / kPerCent, stress, sigma});
     mode.strains.push_back(r.controls[0] / kPerCent);
     mode.stresses.insert(mode.stresses.end(), {stress - sigma, stress + sigma});
-    csv += line("reading", r.channel, none, r.controls[0], stress, sigma, none, none,
-                (r.measured - r.predicted) / r.sigma);
+    csv += line("reading", r.channel, "", r.controls[0], stress, sigma, "", "", (r.measured - r.predicted) / r.sigma);
   }
   for (const CurveRecord& curve : record.curves) {
     if (curve.channel != name) continue;
     const size_t s = static_cast<size_t>(std::ranges::find(series, curve.series) - series.begin());
-    std::vector<std::vector<double>> middle, band, back, misses;
+    Band band;
+    Rows misses;
     for (size_t i = 0; i < curve.load.size(); ++i) {
       const double strain = curve.load[i] / kPerCent, stress = curve.value.at(i) / kKilopascal;
-      const double half = std::isfinite(curve.se.at(i)) ? k95 * curve.se[i] / kKilopascal : 0;
-      middle.push_back({strain, stress});
-      band.push_back({strain, stress - half});
-      back.push_back({strain, stress + half});
+      const double half = half95(curve.se.at(i)) / kKilopascal;
+      band.add(strain, stress, 0, half);
       mode.strains.push_back(strain);
       mode.stresses.push_back(stress);
-      csv +=
-          line("curve", curve.channel, curve.series, curve.load[i], stress, none, stress - half, stress + half, none);
+      csv += line("curve", curve.channel, curve.series, curve.load[i], stress, "", stress - half, stress + half, "");
     }
-    band.insert(band.end(), back.rbegin(), back.rend());
-    mode.curves.push_back(fmt::format("{} using 1:2 with filledcurves closed fc rgb '{}'", page.data(band), colour(s)));
-    mode.curves.push_back(fmt::format("{} using 1:2 with lines lw 2 lc rgb '{}'", page.data(middle), colour(s)));
+    band.draw(page, colour(s), mode.curves);
     for (const ReadingRecord& r : record.readings) {
       if (r.channel != name) continue;
       const double miss = (r.measured - at_strain(curve, r.controls.at(0))) / r.sigma;
@@ -63,15 +57,12 @@ Mode mode_of(Page& page, const RunRecord& record, const std::string& name, const
       misses.push_back({r.controls[0] / kPerCent, miss});
       mode.scaled.push_back(miss);
     }
-    if (misses.empty()) continue;
     std::ranges::sort(misses);
-    mode.residuals.push_back(fmt::format("{} using 1:2 with linespoints pt {} ps 0.8 lw 1.2 lc rgb '{}'",
-                                         page.data(misses), symbol(s), colour(s)));
+    page.add(mode.residuals, misses, fmt::format("linespoints pt {} ps 0.8 lw 1.2", symbol(s)), colour(s));
   }
   const std::string block = page.data(points);
-  mode.curves.push_back(fmt::format("{} using 1:2:3 with yerrorbars pt 0 ps 0 lw 1.2 lc rgb '{}'", block, kBlack));
-  mode.curves.push_back(
-      fmt::format("{} using 1:2 with points pt {} ps 1 lw 1.4 lc rgb '{}'", block, symbol(0), kBlack));
+  mode.curves.push_back(plotted(block, "yerrorbars pt 0 ps 0 lw 1.2", kBlack, "1:2:3"));
+  mode.curves.push_back(plotted(block, fmt::format("points pt {} ps 1 lw 1.4", symbol(0)), kBlack));
   return mode;
 }
 
@@ -94,36 +85,26 @@ std::optional<Drawing> stress_strain(const RunRecord& record) {
   legend.push_back({LegendEntry::heading, "Below"});
   legend.push_back({LegendEntry::band, "95 % if all is right"});
 
-  constexpr double left = 76, gap = 58, below = 58, above = 30, upper_height = 300, lower_height = 170;
-  const double legend_left = kPageWidth - legend_width(legend) - 8;
-  const double height = kTitle + upper_height + lower_height + 2 * (below + above);
-  const double across =
-      (legend_left - 24 - left - gap * static_cast<double>(modes.size() - 1)) / static_cast<double>(modes.size());
-  Page page(kPageWidth, height, "Stress and strain", record.title, record.simulated);
-  page.legend(legend_left, height - kTitle - above - 6, legend);
-
+  const Grid grid = Grid({.gap = 58}, legend, modes.size()).rows({300, 170});
+  const std::string title = "Stress and strain";
+  Page page = grid.page(title, record.title, record.simulated);
   std::string csv = "kind,mode,series,strain,stress_kPa,sigma_kPa,band_lower_kPa,band_upper_kPa,normalised_residual\n";
   for (size_t m = 0; m < modes.size(); ++m) {
     const Mode mode = mode_of(page, record, modes[m], series, csv);
-    const double x = left + static_cast<double>(m) * (across + gap), top = height - kTitle - above;
-    const Box upper{x, top - upper_height, x + across, top};
-    const double lower_top = upper.bottom - below - above;
-    const Box lower{x, lower_top - lower_height, x + across, lower_top};
-    const Axis strain_axis = axis_over(
-        mode.strains, bracketed(modes[m] == "shear" ? "amount of shear" : drawn_control(record).label, "%"), 4, true);
-    page.panel(upper, strain_axis,
-               axis_over(mode.stresses, m == 0 ? bracketed(record.channels.front().label, "kPa") : "", 6, true),
-               modes[m], mode.curves);
-    page.panel(lower, strain_axis, axis_over(mode.scaled, m == 0 ? "(measured − fitted) / σ" : "", 5, true), "",
-               mode.residuals, expected_band() + zero_line());
+    const std::string strain = modes[m] == "shear" ? "amount of shear" : drawn_control(record).label;
+    const Axis strains = axis_over(mode.strains, bracketed(strain, "%"), 4, true);
+    const std::string stress = m == 0 ? bracketed(record.channels.front().label, "kPa") : "";
+    page.panel(grid.box(m), strains, axis_over(mode.stresses, stress, 6, true), modes[m], mode.curves);
+    page.panel(grid.box(modes.size() + m), strains,
+               axis_over(mode.scaled, m == 0 ? "(measured − fitted) / σ" : "", 5, true), "", mode.residuals,
+               expected_band() + zero_line());
   }
-  return Drawing{{"stress_strain", "Stress and strain",
-                  "Above, every reading with one standard deviation to either side, and what the fitted laws say; each "
-                  "is drawn over the readings that it was fitted to. Below, what they miss, in standard deviations: "
-                  "points beyond the grey band, or a trend, say that the law lacks something there.",
-                  ""},
-                 csv,
-                 page};
+  const char* caption =
+      "Above, every reading with one standard deviation to either side, and what the fitted laws say; each is drawn "
+      "over "
+      "the readings that it was fitted to. Below, what they miss, in standard deviations: points beyond the grey band, "
+      "or a trend, say that the law lacks something there.";
+  return Drawing{{"stress_strain", title, caption}, csv, page};
 }
 
 }  // namespace taut::plot

@@ -11,14 +11,14 @@ namespace taut::plot {
 namespace {
 
 constexpr double kGap = 10, kHeading = 24, kTallest = 760;  // px
+constexpr double kEdge = 16;                                // of the page, px
 constexpr double kOverlap = 8e-4;                           // of the facets, relative to the window's diagonal
 constexpr const char* kFaint = "#b0b0b0";
 
-/// Where the panels stand on the page.
+/// How many panels there are, and how large each is [px].
 struct Layout {
   size_t count, columns;
-  double across, tall;  ///< of each panel, px
-  size_t rows() const { return (count + columns - 1) / columns; }
+  double across, tall;
 };
 
 /// As many columns as make the panels largest; `shape` is height over width of the window. Slender windows get eight
@@ -27,7 +27,7 @@ Layout layout_of(size_t frames, double shape, double available) {
   Layout best{std::min<size_t>(frames, shape > 1.5 ? 8 : 6), 1, 0, 0};
   for (size_t columns = best.count; columns >= 1; --columns) {
     Layout layout{best.count, columns, 0, 0};
-    const double n = static_cast<double>(columns), rows = static_cast<double>(layout.rows());
+    const double n = static_cast<double>(columns), rows = static_cast<double>(rows_of(best.count, columns));
     layout.across = (available - kGap * (n - 1)) / n;
     layout.across = std::min(layout.across, (kTallest - rows * kHeading) / (rows * shape));
     layout.tall = layout.across * shape;
@@ -35,12 +35,6 @@ Layout layout_of(size_t frames, double shape, double available) {
     if (layout.across > 1.15 * best.across) best = layout;
   }
   return best;
-}
-
-std::vector<std::vector<double>> millimetres_of(const Eigen::MatrixXd& x) {
-  std::vector<std::vector<double>> rows;
-  for (const auto& point : x.colwise()) rows.push_back({point[0] / kMillimetre, point[1] / kMillimetre});
-  return rows;
 }
 
 /// What a panel shows, in the plane of the picture [m].
@@ -70,24 +64,22 @@ class Picture {
   bool flat() const { return flat_; }
 
   /// Plots of one state in the order of painting; their numbers go to `csv` after `sample`.
-  std::vector<std::string> plots(Page& page, size_t frame, double sample, std::string& csv) const {
-    std::vector<std::string> list;
+  Plots plots(Page& page, size_t frame, double sample, std::string& csv) const {
+    Plots list;
     const Eigen::VectorXd& u = record_.states[frame];
     const Eigen::MatrixXd x = positions(surface_, record_.mesh, u);
     if (!flat_) add_strokes(page, list);
     flat_ ? add_areas(page, x, frame, sample, csv, list) : add_facets(page, x, sample, csv, list);
     for (size_t i = 0; i < record_.lines.size(); ++i) {
       const Eigen::MatrixXd points = seen(positions(record_.lines[i], record_.mesh, u));
-      list.push_back(fmt::format("{} using 1:2 with lines lw 1.6 lc rgb '{}'", page.data(millimetres_of(points)),
-                                 line_colour(i, record_.lines.size())));
+      page.add(list, rows_of(points), "lines lw 1.6", line_colour(i, record_.lines.size()));
       add_lines("line", record_.lines[i].id, points, sample, csv);
     }
     if (flat_) add_strokes(page, list);
     for (const std::vector<Eigen::VectorXd>& obstacle : record_.obstacles) {
       Eigen::MatrixXd points(record_.mesh.dimension(), static_cast<Eigen::Index>(obstacle.size()));
       for (size_t i = 0; i < obstacle.size(); ++i) points.col(static_cast<Eigen::Index>(i)) = obstacle[i];
-      list.push_back(
-          fmt::format("{} using 1:2 with lines lw 3 lc rgb '{}'", page.data(millimetres_of(seen(points))), kObstacle));
+      page.add(list, rows_of(seen(points)), "lines lw 3", kObstacle);
     }
     return list;
   }
@@ -144,46 +136,38 @@ class Picture {
   void add_lines(const char* kind, const std::string& name, const Eigen::MatrixXd& points, double sample,
                  std::string& csv, int part = 0) const {
     for (const auto& p : points.colwise()) {
-      csv += flat_ ? line(sample, std::string(kind), name, part, p[0] / kMillimetre, p[1] / kMillimetre)
-                   : line(sample, std::string(kind), name, part, p[0] / kMillimetre, p[1] / kMillimetre,
-                          p[2] / kMillimetre);
+      const double right = p[0] / kMillimetre, up = p[1] / kMillimetre;
+      csv += flat_ ? line(sample, kind, name, part, right, up)
+                   : line(sample, kind, name, part, right, up, p[2] / kMillimetre);
     }
   }
 
-  void add_strokes(Page& page, std::vector<std::string>& list) const {
-    if (strokes_.empty()) return;
-    std::vector<std::vector<double>> rows;
+  void add_strokes(Page& page, Plots& list) const {
+    Rows rows;
     for (const auto& [from, to] : strokes_) {
       Eigen::MatrixXd ends(from.size(), 2);
       ends << from, to;
-      for (std::vector<double>& row : millimetres_of(seen(ends))) rows.push_back(std::move(row));
-      rows.push_back({});
+      append(rows, rows_of(seen(ends)));
     }
-    list.push_back(
-        fmt::format("{} using 1:2 with lines lw {} lc rgb '{}'", page.data(rows), flat_ ? 1.2 : 0.6, kGround));
+    page.add(list, rows, flat_ ? "lines lw 1.2" : "lines lw 0.6", kGround);
   }
 
-  std::vector<std::vector<double>> outlines(const Eigen::MatrixXd& x) const {
-    std::vector<std::vector<double>> rows;
-    for (const Surface::Loop& loop : surface_.loops) {
-      for (size_t i = 0; i <= loop.points.size(); ++i) {
-        const auto point = x.col(loop.points[i % loop.points.size()]);
-        rows.push_back({point[0] / kMillimetre, point[1] / kMillimetre});
-      }
-      rows.push_back({});
-    }
+  static Rows rows_of(const Eigen::MatrixXd& x) { return rows_in(kMillimetre, x.colwise()); }
+
+  Rows outlines(const Eigen::MatrixXd& x) const {
+    Rows rows;
+    for (const Surface::Loop& loop : surface_.loops) append(rows, closed(rows_of(x(Eigen::all, loop.points))));
     return rows;
   }
 
   /// Regions, each as one line through all of its loops: what leads from loop to loop and back encloses nothing, and
   /// holes run the other way around, so they stay open.
   void add_areas(Page& page, const Eigen::MatrixXd& x, size_t frame, double sample, std::string& csv,
-                 std::vector<std::string>& list) const {
-    if (frame > 0) {
-      const Eigen::MatrixXd first = positions(surface_, record_.mesh, record_.states.front());
-      list.push_back(fmt::format("{} using 1:2 with lines lw 1 lc rgb '{}'", page.data(outlines(first)), kFaint));
-    }
+                 Plots& list) const {
+    if (frame > 0)
+      page.add(list, outlines(positions(surface_, record_.mesh, record_.states.front())), "lines lw 1", kFaint);
     for (size_t r = 0; r < record_.mesh.region_names.size(); ++r) {
+      const std::string& region = record_.mesh.region_names[r];
       std::vector<int> path;
       int part = 0;
       for (const Surface::Loop& loop : surface_.loops) {
@@ -191,24 +175,16 @@ class Picture {
         path.insert(path.end(), loop.points.begin(), loop.points.end());
         path.push_back(loop.points.front());
         if (part > 0) path.push_back(path.front());
-        Eigen::MatrixXd points(2, static_cast<Eigen::Index>(loop.points.size()));
-        for (size_t i = 0; i < loop.points.size(); ++i)
-          points.col(static_cast<Eigen::Index>(i)) = x.col(loop.points[i]);
-        add_lines("outline", record_.mesh.region_names[r], points, sample, csv, ++part);
+        add_lines("outline", region, x(Eigen::all, loop.points), sample, csv, ++part);
       }
-      if (path.empty()) continue;
-      Eigen::MatrixXd points(2, static_cast<Eigen::Index>(path.size()));
-      for (size_t i = 0; i < path.size(); ++i) points.col(static_cast<Eigen::Index>(i)) = x.col(path[i]);
-      list.push_back(fmt::format("{} using 1:2 with filledcurves closed fs solid 1 noborder fc rgb '{}'",
-                                 page.data(millimetres_of(points)), body_colour(record_.mesh.region_names[r], r)));
+      page.add(list, rows_of(x(Eigen::all, path)), kFilled, body_colour(region, r));
     }
-    list.push_back(fmt::format("{} using 1:2 with lines lw 0.8 lc rgb '{}'", page.data(outlines(x)), kBlack));
+    page.add(list, outlines(x), "lines lw 0.8", kBlack);
   }
 
-  void add_facets(Page& page, const Eigen::MatrixXd& x, double sample, std::string& csv,
-                  std::vector<std::string>& list) const {
+  void add_facets(Page& page, const Eigen::MatrixXd& x, double sample, std::string& csv, Plots& list) const {
     const Eigen::MatrixXd plane = seen(x);
-    std::vector<std::vector<double>> rows;
+    Rows rows;
     int part = 0;
     for (const Painted& facet : painted(surface_, x, view_)) {
       const Surface::Triangle& triangle = surface_.triangles[static_cast<size_t>(facet.triangle)];
@@ -219,8 +195,7 @@ class Picture {
         const double channel = facet.brightness * std::stoi(base.substr(c, 2), nullptr, 16);
         colour = 256 * colour + static_cast<int>(std::lround(channel));
       }
-      Eigen::MatrixXd corners(3, 3);
-      for (int i = 0; i < 3; ++i) corners.col(i) = plane.col(triangle.points[static_cast<size_t>(i)]);
+      Eigen::MatrixXd corners = plane(Eigen::all, triangle.points);
       add_lines("facet", region, corners, sample, csv, ++part);
       // A little larger, or the background would shine through between neighbours.
       const Eigen::Vector3d middle = corners.rowwise().mean();
@@ -228,15 +203,10 @@ class Picture {
         const Eigen::Vector3d outward = corners.col(i) - middle;
         corners.col(i) += kOverlap * window_.diagonal() * outward.normalized();
       }
-      for (std::vector<double>& row : millimetres_of(corners)) {
-        row.push_back(colour);
-        rows.push_back(std::move(row));
-      }
-      rows.push_back({});
+      append(rows, rows_of(corners));
+      for (auto row = rows.rbegin() + 1; row != rows.rbegin() + 4; ++row) row->push_back(colour);
     }
-    if (rows.empty()) return;
-    list.push_back(
-        fmt::format("{} using 1:2:3 with filledcurves closed fs solid 1 noborder fc rgb variable", page.data(rows)));
+    if (!rows.empty()) list.push_back(fmt::format("{} using 1:2:3 with {} fc rgb variable", page.data(rows), kFilled));
   }
 
   const SimulationRecord& record_;
@@ -247,87 +217,91 @@ class Picture {
   std::vector<std::pair<Eigen::VectorXd, Eigen::VectorXd>> strokes_;
 };
 
+/// A legend along lines below the title.
+class FlowingLegend {
+ public:
+  explicit FlowingLegend(std::vector<LegendEntry> entries) : entries_(std::move(entries)) {
+    double at = kEdge, down = 8;
+    for (const LegendEntry& entry : entries_) {
+      const double needed = legend_width({entry});
+      if (at + needed > kPageWidth - kEdge) {
+        at = kEdge;
+        down += kLegendRow;
+      }
+      places_.emplace_back(at, down);
+      at += needed + 8;
+    }
+    height_ = down + 18;
+  }
+
+  double height() const { return height_; }
+
+  /// Below `top`.
+  void draw(Page& page, double top) const {
+    for (size_t i = 0; i < entries_.size(); ++i) page.legend(places_[i].first, top - places_[i].second, {entries_[i]});
+  }
+
+ private:
+  std::vector<LegendEntry> entries_;
+  std::vector<std::pair<double, double>> places_;  ///< from the left and downwards [px]
+  double height_;
+};
+
+/// A bar of a round length, `millimetres` or `pixels` long, at the lower edge of the page: all panels have its scale.
+void add_scale_bar(Page& page, double millimetres, double pixels, const std::string& more) {
+  page.panel(
+      {kPageWidth - kEdge - pixels, 20, kPageWidth - kEdge, 21}, {"", 0, 1, 1}, {"", 0, 1, 1}, "", {},
+      fmt::format("unset tics\nunset border\nset arrow from graph 0,0 to graph 1,0 heads size screen 0.004,90 lw "
+                  "2 lc rgb '{0}'\nset label '{1:g} mm' at graph 0,0 right offset -1,0 font ',12' tc rgb '{0}'\n",
+                  kGrey, millimetres) +
+          more);
+}
+
 }  // namespace
 
 Drawing strip(const SimulationRecord& record) {
   const Picture picture(record);
-  const Bounds& window = picture.window();
-  const double width = (window.upper - window.lower)[0] / kMillimetre,
-               tall = (window.upper - window.lower)[1] / kMillimetre;
-  const double left = picture.flat() ? 76 : 16, below = picture.flat() ? 58 : 74;
-  const Layout layout = layout_of(record.states.size(), tall / width, kPageWidth - left - 16);
+  const Eigen::VectorXd lower = picture.window().lower / kMillimetre, upper = picture.window().upper / kMillimetre;
+  const double width = upper[0] - lower[0], left = picture.flat() ? 76 : kEdge;
+  const Layout layout = layout_of(record.states.size(), (upper[1] - lower[1]) / width, kPageWidth - left - kEdge);
+  const std::vector<size_t> chosen = evenly_chosen(record.states.size(), layout.count);
+  const FlowingLegend legend(picture.legend());
+  Grid grid({.left = left,
+             .gap = kGap,
+             .above = kHeading,
+             .below = 0,
+             .head = legend.height(),
+             .foot = picture.flat() ? 58.0 : 74.0},
+            {}, layout.columns);
+  grid.across = layout.across;
+  grid.panels(layout.count, layout.tall);
+  Page page(kPageWidth, grid.height, "Simulation: states of the run, to one scale", record.title, false);
+  legend.draw(page, grid.height - kTitle);
+
+  Axis x{"", lower[0], upper[0]}, y{"", lower[1], upper[1]};
+  x.step = y.step = std::max(axis_over({x.low, x.high}, "", static_cast<int>(layout.across / 70), false).step,
+                             axis_over({y.low, y.high}, "", 4, false).step);
   const SampleLabel sample_label(record);
-
-  // The legend runs along lines below the title.
-  std::vector<std::pair<double, double>> places;  // of its entries, from the left and from the title down
-  const std::vector<LegendEntry> legend = picture.legend();
-  double at = 16, down = 8;
-  for (const LegendEntry& entry : legend) {
-    const double needed = legend_width({entry});
-    if (at + needed > kPageWidth - 16) {
-      at = 16;
-      down += 19;
-    }
-    places.emplace_back(at, down);
-    at += needed + 8;
-  }
-  const double above = down + 18;
-  const double each = kHeading + layout.tall;
-  const double height = kTitle + above + each * static_cast<double>(layout.rows()) + below;
-  Page page(kPageWidth, height, "Simulation: states of the run, to one scale", record.title, false);
-  for (size_t i = 0; i < legend.size(); ++i) {
-    page.legend(places[i].first, height - kTitle - places[i].second, {legend[i]});
-  }
-
-  std::vector<double> xs = {window.lower[0] / kMillimetre, window.upper[0] / kMillimetre};
-  std::vector<double> ys = {window.lower[1] / kMillimetre, window.upper[1] / kMillimetre};
-  Axis x = axis_over(xs, "", static_cast<int>(layout.across / 70), false), y = axis_over(ys, "", 4, false);
-  x.low = xs[0];
-  x.high = xs[1];
-  y.low = ys[0];
-  y.high = ys[1];
-  x.step = y.step = std::max(x.step, y.step);
-
   const WrittenUnit written = written_unit(record.sample_unit);
   std::string csv = fmt::format("{},kind,name,part,{}\n", field(record.sample_name + "_" + written.suffix),
                                 picture.flat() ? "x_mm,y_mm" : "right_mm,up_mm,toward_viewer_mm");
-  const std::vector<size_t> chosen = evenly_chosen(record.states.size(), layout.count);
   for (size_t i = 0; i < chosen.size(); ++i) {
-    const size_t row = i / layout.columns, column = i % layout.columns;
-    const double from = left + static_cast<double>(column) * (layout.across + kGap);
-    const double top = height - kTitle - above - static_cast<double>(row) * each - kHeading;
     const double sample = record.samples[static_cast<size_t>(record.frames[chosen[i]])];
-    const std::vector<std::string> plots = picture.plots(page, chosen[i], sample / written.factor, csv);
+    const Plots plots = picture.plots(page, chosen[i], sample / written.factor, csv);
     std::string extra = "unset grid\nset clip two\n";
-    Axis panel_x = x, panel_y = y;
-    if (picture.flat()) {
-      // Numbers and names of the axes at the outer panels only.
-      const bool lowest = i + layout.columns >= chosen.size(), first = column == 0;
-      if (lowest) panel_x.label = "x [mm]";
-      if (first) panel_y.label = "y [mm]";
-      extra += fmt::format("set format x '{}'\nset format y '{}'\n", lowest ? "%g" : "", first ? "%g" : "");
-    } else {
-      extra += "unset tics\nset border 15 lc rgb '#dddddd'\n";
-    }
-    page.panel({from, top - layout.tall, from + layout.across, top}, panel_x, panel_y,
-               fmt::format("{} {}", record.sample_name, sample_label(sample)), plots, extra);
+    x.label = picture.flat() ? "x [mm]" : "";
+    y.label = picture.flat() ? "y [mm]" : "";
+    extra += picture.flat() ? outer_labels(x, y, i + layout.columns >= chosen.size(), grid.leftmost(i))
+                            : "unset tics\nset border 15 lc rgb '#dddddd'\n";
+    page.panel(grid.box(i), x, y, fmt::format("{} {}", record.sample_name, sample_label(sample)), plots, extra);
   }
-  if (!picture.flat()) {
-    // A bar of a round length: all panels have its scale.
-    const double length = x.step, pixels = length * layout.across / width;
-    page.panel(
-        {kPageWidth - 16 - pixels, 20, kPageWidth - 16, 21}, {"", 0, 1, 1}, {"", 0, 1, 1}, "", {},
-        fmt::format("unset tics\nunset border\nset arrow from graph 0,0 to graph 1,0 heads size screen 0.004,90 lw 2 "
-                    "lc rgb '{0}'\nset label '{1:g} mm' at graph 0,0 right offset -1,0 font ',12' tc rgb '{0}'\n",
-                    kGrey, length) +
-            picture.axes(44, 26, height));
-  }
+  if (!picture.flat()) add_scale_bar(page, x.step, x.step * layout.across / width, picture.axes(44, 26, grid.height));
   std::string caption = fmt::format(
       "{} of {} stored states from the start to the end of the run, in one window and at one scale; above each "
       "stands its {}.",
       chosen.size(), record.states.size(), record.sample_name);
   caption += picture.flat() ? "" : " Seen from above at a corner (isometric), without perspective.";
-  return Drawing{{"strip", "states of the run, to one scale", caption, ""}, csv, page};
+  return Drawing{{"strip", "states of the run, to one scale", caption}, csv, page};
 }
 
 }  // namespace taut::plot

@@ -6,7 +6,6 @@
 #include <map>
 #include <numbers>
 
-#include "reports/gnuplot.hpp"
 #include "sim/mesh/loops.hpp"
 #include "sim/mesh/topology.hpp"
 
@@ -88,21 +87,16 @@ Surface surface_of(const Mesh& mesh) {
 }
 
 Eigen::MatrixXd positions(const Surface& surface, const Mesh& mesh, const Eigen::VectorXd& u) {
-  const int d = mesh.dimension();
-  Eigen::MatrixXd x(d, static_cast<Eigen::Index>(surface.nodes.size()));
-  for (size_t i = 0; i < surface.nodes.size(); ++i) {
-    const Eigen::Index at = static_cast<Eigen::Index>(surface.nodes[i]) * d;
-    x.col(static_cast<Eigen::Index>(i)) = mesh.X.segment(at, d) + u.segment(at, d);
-  }
-  return x;
+  const Eigen::VectorXd x = mesh.X + u;
+  return x.reshaped(mesh.dimension(), mesh.node_count())(Eigen::all, surface.nodes);
 }
 
 Eigen::MatrixXd positions(const DrawnLine& line, const Mesh& mesh, const Eigen::VectorXd& u) {
   const int d = mesh.dimension();
   Eigen::MatrixXd x = Eigen::MatrixXd::Zero(d, static_cast<Eigen::Index>(line.points.size()));
-  for (size_t i = 0; i < line.points.size(); ++i) {
-    const CablePoint& point = line.points[i];
-    auto at = x.col(static_cast<Eigen::Index>(i));
+  Eigen::Index i = 0;
+  for (const CablePoint& point : line.points) {
+    auto at = x.col(i++);
     if (point.material.nodes.empty()) at = point.fixed;
     for (size_t k = 0; k < point.material.nodes.size(); ++k) {
       const Eigen::Index dof = static_cast<Eigen::Index>(point.material.nodes[k]) * d;
@@ -133,29 +127,16 @@ Bounds bounds_of(const SimulationRecord& record) {
   const Eigen::VectorXd low = bodies.lower.array() - reach, high = bodies.upper.array() + reach;
   for (const std::vector<Eigen::VectorXd>& obstacle : record.obstacles) {
     for (size_t i = 0; i + 1 < obstacle.size(); ++i) {
-      // The part of the segment within reach (Liang and Barsky).
-      const Eigen::VectorXd along = obstacle[i + 1] - obstacle[i];
-      double first = 0, last = 1;
-      for (int c = 0; c < d; ++c) {
-        double enter = (low[c] - obstacle[i][c]) / along[c], leave = (high[c] - obstacle[i][c]) / along[c];
-        if (along[c] == 0) {
-          enter = 0;
-          leave = obstacle[i][c] >= low[c] && obstacle[i][c] <= high[c] ? 1 : -1;
-        } else if (enter > leave) {
-          std::swap(enter, leave);
-        }
-        first = std::max(first, enter);
-        last = std::min(last, leave);
-      }
-      if (first > last) continue;
-      bounds.include(obstacle[i] + first * along);
-      bounds.include(obstacle[i] + last * along);
+      const auto near = clipped(obstacle[i], obstacle[i + 1], low, high);
+      if (!near) continue;
+      bounds.include(near->first);
+      bounds.include(near->second);
     }
   }
   for (const auto& [point, normal] : record.grounds) {
     const Eigen::VectorXd n = normal.normalized();
-    Eigen::VectorXd lowest(d);  // the corner of the bodies' box that is nearest to the ground
-    for (int c = 0; c < d; ++c) lowest[c] = n[c] > 0 ? bodies.lower[c] : bodies.upper[c];
+    // The corner of the bodies' box that is nearest to the ground.
+    const Eigen::VectorXd lowest = (n.array() > 0).select(bodies.lower, bodies.upper);
     const double height = (lowest - point).dot(n);
     if (height < reach) bounds.include(lowest - height * n);
   }
@@ -228,13 +209,6 @@ bool lines_are_told_apart(size_t count) {
 std::string line_colour(size_t i, size_t count) {
   static const std::array<const char*, 4> own = {"#d55e00", "#0072b2", "#009e73", "#a0337e"};
   return lines_are_told_apart(count) ? own[i] : own[0];
-}
-
-std::vector<size_t> evenly_chosen(size_t count, size_t most) {
-  std::vector<size_t> chosen;
-  const size_t kept = std::min(count, most);
-  for (size_t i = 0; i < kept; ++i) chosen.push_back(kept == 1 ? 0 : (i * (count - 1) + (kept - 1) / 2) / (kept - 1));
-  return chosen;
 }
 
 }  // namespace taut::plot

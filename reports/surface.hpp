@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "reports/figures.hpp"
 #include "reports/simulation_record.hpp"
 
 /// What is seen of a moving mesh and its surroundings, for the pictures of a simulation. Used inside reports/ only.
@@ -73,8 +74,5 @@ bool lines_are_told_apart(size_t count);
 
 inline constexpr const char* kGround = "#8a8278";
 inline constexpr const char* kObstacle = "#5a3d2b";
-
-/// About `most` of `count` items, evenly chosen, the first and the last among them.
-std::vector<size_t> evenly_chosen(size_t count, size_t most);
 
 }  // namespace taut::plot
