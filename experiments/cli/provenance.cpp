@@ -13,6 +13,7 @@
 #include <thread>
 
 #include "calib/data/files.hpp"
+#include "calib/files/experiment.hpp"
 #include "sim/core/error.hpp"
 
 namespace taut {
