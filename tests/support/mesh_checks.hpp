@@ -42,9 +42,8 @@ inline Eigen::VectorXd facet_normal(const Mesh& mesh, const int* nodes) {
     const Eigen::Vector2d t = mesh.node(nodes[1]) - mesh.node(nodes[0]);
     return vec({t[1], -t[0]});
   }
-  const Eigen::Vector3d a = mesh.node(nodes[1]) - mesh.node(nodes[0]);
-  const Eigen::Vector3d b = mesh.node(nodes[2]) - mesh.node(nodes[0]);
-  return 0.5 * a.cross(b);
+  const auto node = [&](int i) { return mesh.X.segment<3>(3 * nodes[i]); };
+  return 0.5 * (node(1) - node(0)).cross(node(2) - node(0));
 }
 
 inline double size_of(const Mesh& mesh, const Tag& facets) {

@@ -1,5 +1,6 @@
 #pragma once
 #include "calib/benches/static_replay.hpp"
+#include "calib/files/experiment.hpp"
 #include "tests/support/experiment_files.hpp"
 
 // Benches at rest from files.
