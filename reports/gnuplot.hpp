@@ -98,10 +98,6 @@ class Page {
   void add(Plots& plots, const Rows& rows, const std::string& style, const std::string& colour,
            const std::string& columns = "1:2");
 
-  /// Where things are, below the title; a legend of `legend_pixels` fits right of it.
-  double width() const { return width_; }
-  double height() const { return height_; }
-
   void legend(double left, double top, const std::vector<LegendEntry>& entries);
 
   /// Axes in `box` with `plots` ("$d1 using 1:2 with lines", drawn in this order); `extra` gnuplot lines come before

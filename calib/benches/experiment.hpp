@@ -44,7 +44,7 @@ struct ReferenceValue {
   std::string source;
 };
 
-/// `model`: how much of an experiment is modelled. From cheap to full; see calib/ladder.hpp.
+/// `model`: how much of an experiment is modelled. From cheap to full; see calib/models/ladder.hpp.
 enum class Rung {
   beam,            ///< a chain of Timoshenko beams, in closed form
   rigid_segments,  ///< finite elements, in which stiff regions are rigid

@@ -38,6 +38,8 @@ struct ContactPair {
   double distance = 0;  ///< [m]
 };
 
+struct PlaneSurface;
+
 /// Incremental potential contact in 2D: a barrier between the nodes and edges of a boundary, obstacles and grounds that
 /// grows without bound as their distance d goes to zero, without friction.
 ///
@@ -67,7 +69,6 @@ struct ContactPair {
 ///
 /// After Li et al. 2020 (Incremental Potential Contact) and, for weights and vertices, Li et al. 2023 (Convergent
 /// Incremental Potential Contact); pair_sum is Eq. 4 of the push-puppet paper, its section III-B.
-struct PlaneSurface;
 using Contact = SurfaceContact<PlaneSurface, ContactSettings, ContactPair>;
 
 }  // namespace taut

@@ -27,6 +27,8 @@ struct ContactPair3 {
   double distance = 0;  ///< [m]
 };
 
+struct SpaceSurface;
+
 /// Incremental potential contact in 3D: a barrier between the nodes and triangles of a boundary, its edges among each
 /// other, and nodes and ground planes, that grows without bound as their distance d goes to zero; without friction.
 ///
@@ -57,7 +59,6 @@ struct ContactPair3 {
 ///
 /// After Li et al. 2020 (Incremental Potential Contact) and, for weights, edges and vertices, Li et al. 2023
 /// (Convergent Incremental Potential Contact); that the edges' barrier is shorter and w_i a projection is our own.
-struct SpaceSurface;
 using Contact3d = SurfaceContact<SpaceSurface, Contact3dSettings, ContactPair3>;
 
 }  // namespace taut
