@@ -666,12 +666,14 @@ class Fit {
 }  // namespace
 
 std::string_view name_of(Verdict verdict) {
-  return verdict_words[static_cast<size_t>(verdict)].name;
+  const auto i = static_cast<size_t>(verdict);
+  return i < verdict_words.size() ? verdict_words[i].name : "";
 }
 
 std::string_view name_of(FitStatus status) {
   constexpr std::array<std::string_view, 4> names{"converged", "not converged", "start failed", "interrupted"};
-  return names[static_cast<size_t>(status)];
+  const auto i = static_cast<size_t>(status);
+  return i < names.size() ? names[i] : "";
 }
 
 Eigen::VectorXd standard_errors(const Prediction& prediction, const ParameterTable& table, const Params& p,

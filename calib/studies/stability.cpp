@@ -11,6 +11,7 @@
 
 #include "calib/studies/discretisation.hpp"
 #include "sim/core/error.hpp"
+#include "sim/materials/laws.hpp"
 #include "sim/mesh/weights.hpp"
 #include "sim/robots/robot.hpp"
 #include "sim/shapes/geometry.hpp"
@@ -65,14 +66,17 @@ auto& material_of(auto& materials, const std::string& region) {
 struct Contrast {
   std::string soft, stiff;
 
+  static double modulus(const MaterialSettings& material) { return youngs_modulus(material.law, material.constants); }
   void find(const std::vector<MaterialSettings>& materials) {
-    const auto modulus = [](const MaterialSettings& material) { return material.constants.at("E"); };
     soft = std::ranges::min_element(materials, {}, modulus)->region;
     stiff = std::ranges::max_element(materials, {}, modulus)->region;
   }
   std::string ratio_label() const { return fmt::format("E of {} / E of {}", stiff, soft); }
   void set_ratio(std::vector<MaterialSettings>& materials, double ratio) const {
-    material_of(materials, stiff).constants["E"] = ratio * material_of(materials, soft).constants["E"];
+    MaterialSettings& material = material_of(materials, stiff);
+    const double factor = ratio * modulus(material_of(materials, soft)) / modulus(material);
+    for (const ParameterSpec& spec : material_parameters(material.law))
+      if (spec.unit == "Pa") material.constants.at(spec.id) *= factor;
   }
 };
 

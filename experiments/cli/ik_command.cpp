@@ -192,7 +192,8 @@ std::vector<const IkTarget*> targets_of(const CommandOptions& options, const Sim
 /// The poses go to the run folder; where a simulation of the robot stands there, beside it.
 std::string ik_folder(const CommandOptions& options) {
   const std::filesystem::path folder = run_folder(options);
-  const bool simulated = exists(folder / "animation.html") && !exists(folder / "ik.csv");
+  const bool simulated =
+      exists(folder / (file_name_of(experiment_name(options.target)) + ".pvd"));  // of poses: _ik.pvd
   return (simulated ? folder / "ik" : folder).string();
 }
 
