@@ -20,6 +20,8 @@
 namespace taut {
 namespace {
 
+constexpr std::string_view poses_suffix = "_ik";  ///< of the record's name, and so of its files
+
 struct Solved {
   const IkTarget* target;
   std::vector<IkAnswer> answers;  ///< one, or a path's
@@ -150,7 +152,7 @@ void add_pose(const Robot& robot, const IkAnswer& answer, const std::string& lab
 SimulationRecord make_ik_record(const Simulation& simulation, const Robot& robot, const std::vector<Solved>& all,
                                 const CommandOptions& options) {
   SimulationRecord record = start_simulation_record(simulation, robot, options);
-  record.name += "_ik";
+  record.name += poses_suffix;
   record.title += ": poses found for its targets";
   record.sample_name = "pose";
   record.sample_unit = "1";
@@ -189,11 +191,14 @@ std::vector<const IkTarget*> targets_of(const CommandOptions& options, const Sim
   return targets;
 }
 
-/// The poses go to the run folder; where a simulation of the robot stands there, beside it.
+/// The poses go to the run folder; where a simulation stands there, beside it.
 std::string ik_folder(const CommandOptions& options) {
-  const std::filesystem::path folder = run_folder(options);
-  const bool simulated =
-      exists(folder / (file_name_of(experiment_name(options.target)) + ".pvd"));  // of poses: _ik.pvd
+  namespace fs = std::filesystem;
+  const fs::path folder = run_folder(options);
+  std::error_code missing;
+  const bool simulated = std::any_of(fs::directory_iterator(folder, missing), {}, [](const fs::directory_entry& file) {
+    return file.path().extension() == ".pvd" && !file.path().stem().string().ends_with(poses_suffix);
+  });
   return (simulated ? folder / "ik" : folder).string();
 }
 

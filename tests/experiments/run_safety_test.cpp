@@ -195,6 +195,12 @@ TEST_F(Run, PosesTakeNeitherAFitsNorASimulationsPlace) {
   expect_holds(beside.err, {"report: runs/robot/ik/report.html"});
   EXPECT_TRUE(fs::exists(folder / "runs/robot/ik/ik.csv"));
   EXPECT_EQ(text_of(folder / "runs/robot/channels.csv"), before);
+
+  folder.write("other.toml", posed_robot_toml);
+  folder.write("runs/robot/ik.csv", "left by somebody");
+  ASSERT_EQ(taut({"ik", "other.toml", "--out", "runs/robot"}).code, 0);
+  EXPECT_EQ(text_of(folder / "runs/robot/channels.csv"), before) << "poses of another robot";
+  EXPECT_TRUE(fs::exists(folder / "runs/robot/ik/other_ik.pvd"));
 }
 
 TEST_F(Run, ASignalThatTheCallerIgnoresStaysIgnored) {
