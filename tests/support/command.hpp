@@ -3,6 +3,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <csignal>
 #include <cstdio>
 #include <string>
 #include <vector>
@@ -27,6 +28,7 @@ inline pid_t start(const std::vector<std::string>& arguments, const std::string&
   std::fflush(nullptr);  // or the child would write what is buffered again
   const pid_t child = fork();
   if (child == 0) {
+    std::signal(SIGINT, SIG_DFL);  // a shell lets what it starts in the background ignore it
     const bool ready = chdir(folder.c_str()) == 0 && std::freopen("stdout.txt", "w", stdout) != nullptr &&
                        std::freopen("stderr.txt", "w", stderr) != nullptr;
     if (ready) execv(argv[0], argv.data());
