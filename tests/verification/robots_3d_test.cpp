@@ -194,7 +194,8 @@ TEST(SlowSheet, ShortenedCablesFitBetweenStiffTiles) {
         last = ends[1];
       }
       const double T = sheet().reading(tensions[row])[i];
-      EXPECT_NEAR(length, s.length() - u + T / sheet().simulation.cables.cables[0].own->k.value(), 0.01 * u) << row << " " << 1e3 * u;
+      EXPECT_NEAR(length, s.length() - u + T / sheet().simulation.cables.cables[0].own->k.value(), 0.01 * u)
+          << row << " " << 1e3 * u;
     }
   }
   expect_sound(sheet());
@@ -215,7 +216,8 @@ TEST(SlowSheet, CurlAndTensionAreNearThoseOfBeams) {
     EXPECT_GT(curl, last);
     last = curl;
     if (curl > 90 * degree) continue;  // by then the strips are too bent for straight beams
-    EXPECT_NEAR(curl, (u - T / sheet().simulation.cables.cables[0].own->k.value()) / (z + t * t / (12 * z)), 0.03 * curl);
+    EXPECT_NEAR(curl, (u - T / sheet().simulation.cables.cables[0].own->k.value()) / (z + t * t / (12 * z)),
+                0.03 * curl);
     const double modulus = s.rows * T * z / (s.width() * t * t * t / 12) * (s.columns - 1) * s.strip / curl;
     EXPECT_GT(modulus, E);
     EXPECT_LT(modulus, M);
