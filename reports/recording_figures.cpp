@@ -124,8 +124,7 @@ std::optional<Drawing> recordings(const RunRecord& record) {
   const char* caption =
       "Above, each recording as measured (points) and as simulated (line) from its release on; below, the difference. "
       "Residuals that stay on one side, or swing with the motion, are no noise: the model's rest position, frequency "
-      "or "
-      "decay is off there.";
+      "or decay is off there.";
   return Drawing{{"recordings", title, caption}, csv, page};
 }
 

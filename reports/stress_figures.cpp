@@ -101,9 +101,8 @@ std::optional<Drawing> stress_strain(const RunRecord& record) {
   }
   const char* caption =
       "Above, every reading with one standard deviation to either side, and what the fitted laws say; each is drawn "
-      "over "
-      "the readings that it was fitted to. Below, what they miss, in standard deviations: points beyond the grey band, "
-      "or a trend, say that the law lacks something there.";
+      "over the readings that it was fitted to. Below, what they miss, in standard deviations: points beyond the grey "
+      "band, or a trend, say that the law lacks something there.";
   return Drawing{{"stress_strain", title, caption}, csv, page};
 }
 
