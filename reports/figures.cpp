@@ -49,7 +49,7 @@ Grid& Grid::rows(std::vector<double> heights) {
 }
 
 Grid& Grid::panels(size_t count, double each) {
-  return rows(std::vector<double>(rows_of(count, columns), each));
+  return rows(std::vector<double>(row_count(count, columns), each));
 }
 
 Box Grid::box(size_t i) const {

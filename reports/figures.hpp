@@ -66,7 +66,7 @@ struct Grid {
 };
 
 /// How many rows `count` panels take.
-inline size_t rows_of(size_t count, size_t columns) {
+inline size_t row_count(size_t count, size_t columns) {
   return (count + columns - 1) / columns;
 }
 

@@ -1,11 +1,12 @@
 #include <fmt/format.h>
 
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <map>
 #include <set>
+
+#include "sim/core/dense.hpp"
 
 #include "reports/run_sections.hpp"
 
@@ -136,7 +137,7 @@ Rows trend(const Points& points, int degree) {
     A.row(i) = powers(row[0]) / row[2];
     b[i++] = row[1] / row[2];
   }
-  const Eigen::VectorXd coefficients = A.colPivHouseholderQr().solve(b);
+  const Eigen::VectorXd coefficients = least_squares(A, b);
   Rows line_of_points;
   constexpr int steps = 40;
   for (int k = 0; k <= steps; ++k) {
@@ -473,7 +474,7 @@ std::optional<Drawing> residuals(const RunRecord& record) {
   const bool split = groups.series.size() > 1 && groups.all.size() <= 9;
   std::vector<Misses> misses(split ? groups.all.size() : groups.channels.size());
   const size_t columns = misses.size() == 4 ? 2 : std::min<size_t>(misses.size(), 3);
-  const Grid grid = grid_of(legend, columns).panels(2 * columns * rows_of(misses.size(), columns), 210);
+  const Grid grid = grid_of(legend, columns).panels(2 * columns * row_count(misses.size(), columns), 210);
   const std::string title = "What the fitted model misses";
   Page page = grid.page(title, record.title, record.simulated);
 

@@ -13,21 +13,21 @@ namespace {
 constexpr double kRise = k95 * k95;  // of chi squared at the ends of a 95 % interval
 constexpr double kHighest = 8;       // rise that is drawn; points above are in the CSV only
 
-using Points = std::vector<std::pair<double, double>>;  // value, rise of chi squared
+using Profile = std::vector<std::pair<double, double>>;  // value, rise of chi squared
 
 /// The finite points of a profile; empty when it has none beside the optimum.
-Points points_of(const ParameterEstimate& estimate) {
-  Points points;
+Profile points_of(const ParameterEstimate& estimate) {
+  Profile points;
   for (const auto& [value, rise] : estimate.profile) {
     if (std::isfinite(value) && std::isfinite(rise)) points.emplace_back(value, std::max(rise, 0.0));
   }
   std::ranges::sort(points);
-  return points.size() < 2 ? Points() : points;
+  return points.size() < 2 ? Profile() : points;
 }
 
 /// The line through the points: straight in the root of the rise, negative below the optimum, so that a parabola comes
 /// out as one.
-Rows joined(const Points& points, double optimum, bool logarithmic) {
+Rows joined(const Profile& points, double optimum, bool logarithmic) {
   const auto root = [&](const std::pair<double, double>& point) {
     return (point.first < optimum ? -1 : 1) * std::sqrt(point.second);
   };
@@ -44,7 +44,7 @@ Rows joined(const Points& points, double optimum, bool logarithmic) {
 }
 
 /// Why the interval is open on one side.
-std::string open_end(const ParameterEstimate& estimate, const Points& points, bool above) {
+std::string open_end(const ParameterEstimate& estimate, const Profile& points, bool above) {
   const auto& [value, rise] = above ? points.back() : points.front();
   const double bound = above ? estimate.upper : estimate.lower;
   const bool at_bound = std::abs(value - bound) <= 1e-6 * std::abs(bound);
@@ -72,7 +72,7 @@ std::string interval_of(const ParameterEstimate& estimate, const DisplayUnit& un
   return text(estimate.lower95, !estimate.upper95) + " to " + text(estimate.upper95, true);
 }
 
-std::string profile_csv(const ParameterEstimate& estimate, const Points& points) {
+std::string profile_csv(const ParameterEstimate& estimate, const Profile& points) {
   std::string csv;
   const auto add = [&](const char* kind, const std::optional<double>& value, double rise) {
     const double nan = std::nan("");
@@ -120,10 +120,10 @@ std::string interval_marks(const ParameterEstimate& estimate, const DisplayUnit&
 }
 
 /// A panel of one profile; the `leftmost` of a row names its upright axis.
-void add_profile(Page& page, const Box& box, const ParameterEstimate& estimate, const Points& points, bool leftmost) {
+void add_profile(Page& page, const Box& box, const ParameterEstimate& estimate, const Profile& points, bool leftmost) {
   const DisplayUnit unit = display_unit(estimate.value, estimate.spec.unit);
   const bool logarithmic = estimate.spec.logarithmic && points.front().first > 0;
-  Points met = points;  // and the ends of the interval, which may lie a little beyond the last point
+  Profile met = points;  // and the ends of the interval, which may lie a little beyond the last point
   if (estimate.lower95 && *estimate.lower95 < met.front().first) met.insert(met.begin(), {*estimate.lower95, kRise});
   if (estimate.upper95 && *estimate.upper95 > met.back().first) met.emplace_back(*estimate.upper95, kRise);
   Rows curve = joined(met, estimate.value, logarithmic), marks;
@@ -151,10 +151,10 @@ void add_profile(Page& page, const Box& box, const ParameterEstimate& estimate, 
 }  // namespace
 
 std::optional<Drawing> profiles(const RunRecord& record) {
-  std::vector<std::pair<const ParameterEstimate*, Points>> panels;
+  std::vector<std::pair<const ParameterEstimate*, Profile>> panels;
   std::string csv = "parameter,unit,kind,value,rise_of_chi_squared\n", open_ends;
   for (const ParameterEstimate& estimate : record.fit.parameters) {
-    Points points = points_of(estimate);
+    Profile points = points_of(estimate);
     if (points.empty() || !std::isfinite(estimate.value)) continue;
     csv += profile_csv(estimate, points);
     if (!estimate.lower95) open_ends += open_end(estimate, points, false);

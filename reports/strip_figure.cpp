@@ -27,7 +27,7 @@ Layout layout_of(size_t frames, double shape, double available) {
   Layout best{std::min<size_t>(frames, shape > 1.5 ? 8 : 6), 1, 0, 0};
   for (size_t columns = best.count; columns >= 1; --columns) {
     Layout layout{best.count, columns, 0, 0};
-    const double n = static_cast<double>(columns), rows = static_cast<double>(rows_of(best.count, columns));
+    const double n = static_cast<double>(columns), rows = static_cast<double>(row_count(best.count, columns));
     layout.across = (available - kGap * (n - 1)) / n;
     layout.across = std::min(layout.across, (kTallest - rows * kHeading) / (rows * shape));
     layout.tall = layout.across * shape;

@@ -9,8 +9,7 @@
 
 #include "calib/benches/static_replay.hpp"
 #include "sim/core/error.hpp"
-#include "sim/materials/all.hpp"
-#include "sim/terms/solid.hpp"
+#include "sim/materials/laws.hpp"
 
 namespace taut {
 namespace {
@@ -20,9 +19,8 @@ constexpr PointMode all_modes[] = {PointMode::tension, PointMode::compression, P
 /// The lateral strain a - 1 at which sides are free; nothing when it is not found. Newton's method on ln a, in which
 /// far stretches are near: dPsi/d ln a = 2 a P_22 on both sides together. The start, a = s^-nu with the law's Poisson's
 /// ratio at rest, is the answer for laws of logarithmic strain, Ogden-Hill among them.
-template <class Material>
-std::optional<double> lateral_strain(const Material& material, double strain) {
-  const Tangent<double, 3> rest = material.tangent(Tensor<double, 3>(Tensor<double, 3>::Zero()));
+std::optional<double> lateral_strain(const PointLaw<3>& material, double strain) {
+  const Tangent<double, 3> rest = material.tangent(Tensor<double, 3>::Zero());
   double lateral = std::expm1(-rest(0, 4) / (rest(4, 4) + rest(4, 8)) * std::log1p(strain));
   for (int iteration = 0; iteration < 100; ++iteration) {
     const Tensor<double, 3> H = Eigen::Vector3d(strain, lateral, lateral).asDiagonal();
@@ -42,11 +40,7 @@ struct PointStress {
   std::vector<double> derivatives;  ///< with respect to each constant of the law
 };
 
-template <class Material>
-std::optional<PointStress> stress_at(const PointRow& row, const Params& p) {
-  std::array<double, std::tuple_size_v<decltype(Material::parameters())>> theta;
-  for (size_t j = 0; j < theta.size(); ++j) theta[j] = p[static_cast<Eigen::Index>(j)];
-  const Material material(theta);
+std::optional<PointStress> stress_at(const PointLaw<3>& material, const PointRow& row, Eigen::Index constants) {
   PointStress result;
   Tensor<double, 3> H = Tensor<double, 3>::Zero();
   double follows = 0;  // dP_11 / dP_22 as the sides give way
@@ -61,8 +55,8 @@ std::optional<PointStress> stress_at(const PointRow& row, const Params& p) {
     follows = (A(0, 4) + A(0, 8)) / (A(4, 4) + A(4, 8));
     result.value = material.stress(H)(0, 0);
   }
-  for (size_t j = 0; j < theta.size(); ++j) {
-    const Tensor<double, 3> change = Material::derivative(theta, static_cast<int>(j)).stress(H);
+  for (int j = 0; j < constants; ++j) {
+    const Tensor<double, 3> change = material.stress_derivative(H, j);
     result.derivatives.push_back(row.mode == PointMode::shear ? change(0, 1) : change(0, 0) - follows * change(1, 1));
   }
   if (!std::isfinite(result.value)) return std::nullopt;
@@ -103,9 +97,10 @@ Prediction UniaxialProtocol::predict(const Params& p, const std::vector<int>& fr
   prediction.values = Eigen::VectorXd::Constant(row_count(), std::numeric_limits<double>::quiet_NaN());
   if (k > 0)
     prediction.derivatives = Eigen::MatrixXd::Constant(row_count(), k, std::numeric_limits<double>::quiet_NaN());
+  const std::unique_ptr<PointLaw<3>> material = law_named(law_).solid({p.begin(), p.end()}, false);
   for (Eigen::Index r = 0; r < row_count(); ++r) {
     const PointRow& row = rows_[static_cast<size_t>(r)];
-    const auto stress = with_law(law_, [&](auto material) { return stress_at<decltype(material)>(row, p); });
+    const auto stress = stress_at(*material, row, p.size());
     if (!stress) {
       std::string at;
       for (int i = 0; i < table_.size(); ++i) at += fmt::format(" {} = {:.6g}", table_[i].id, p[i]);

@@ -3,10 +3,10 @@
 #include <fmt/format.h>
 
 #include <Eigen/Core>
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 
+#include "sim/core/dense.hpp"
 #include "sim/core/error.hpp"
 
 namespace taut {
@@ -26,7 +26,7 @@ Linear linear_part(const Eigen::ArrayXd& t, const Eigen::VectorXd& y, double w, 
   A.col(2) = (envelope * (w * t).cos()).matrix();
   A.col(3) = (envelope * (w * t).sin()).matrix();
   Linear result;
-  result.coefficients = A.colPivHouseholderQr().solve(y);
+  result.coefficients = least_squares(A, y);
   result.squares = (y - A * result.coefficients).squaredNorm();
   return result;
 }

@@ -3,14 +3,13 @@
 #include <ceres/ceres.h>
 #include <fmt/format.h>
 
-#include <Eigen/QR>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
 
 #include "calib/fit/goodness_of_fit.hpp"
+#include "sim/core/dense.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/numbers.hpp"
 #include "sim/core/stopwatch.hpp"
@@ -160,7 +159,7 @@ double promised_decrease(const Evaluator& at, const Eigen::VectorXd& q, Eigen::I
     const double downhill = -J.col(j).dot(r), room = downhill > 0 ? scale.upper - q[j] : q[j] - scale.lower;
     if (room < 1e-6 * scale.range(q[j]) || j == held) open.col(j).setZero();
   }
-  return (open * open.completeOrthogonalDecomposition().solve(r)).squaredNorm();
+  return (open * minimum_norm_solution(open, r)).squaredNorm();
 }
 
 /// Ends a search that is interrupted, or that has nothing more to gain: that saves the evaluation which would show it.
@@ -246,7 +245,7 @@ bool step_in_compliance(Evaluator& evaluator, Eigen::VectorXd& q) {
   if (!evaluator.evaluate(q) || evaluator.stopped()) return false;
   const Eigen::VectorXd r = evaluator.residuals();
   // A least-squares step of minimum norm: parameters that the readings do not see stay where they are.
-  const Eigen::VectorXd step = -evaluator.jacobian().completeOrthogonalDecomposition().solve(r);
+  const Eigen::VectorXd step = -minimum_norm_solution(evaluator.jacobian(), r);
   Eigen::VectorXd trial = q;
   for (Eigen::Index j = 0; j < q.size(); ++j) {
     const Scale& scale = evaluator.scale(j);
@@ -586,12 +585,11 @@ class Fit {
     const Eigen::Index n = evaluator_.count();
     ranges_.resize(n);
     for (Eigen::Index j = 0; j < n; ++j) ranges_[j] = evaluator_.scale(j).range(best_.q[j]);
-    const Eigen::JacobiSVD<Eigen::MatrixXd> svd(jacobian_ * ranges_.asDiagonal(),
-                                                Eigen::ComputeThinU | Eigen::ComputeThinV);
-    result_.singular_values = svd.singularValues();
-    result_.weakest = svd.matrixV().col(n - 1);
-    const Eigen::VectorXd inverse = svd.singularValues().cwiseMax(0.01).cwiseInverse();
-    const Eigen::MatrixXd root = ranges_.asDiagonal() * svd.matrixV() * inverse.asDiagonal();
+    const SingularValues svd = singular_values(jacobian_ * ranges_.asDiagonal());
+    result_.singular_values = svd.s;
+    result_.weakest = svd.V.col(n - 1);
+    const Eigen::VectorXd inverse = svd.s.cwiseMax(0.01).cwiseInverse();
+    const Eigen::MatrixXd root = ranges_.asDiagonal() * svd.V * inverse.asDiagonal();
     result_.covariance = root * root.transpose();
     deviations_ = root.rowwise().norm();
     result_.correlation =

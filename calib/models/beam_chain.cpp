@@ -1,13 +1,13 @@
 #include "calib/models/beam_chain.hpp"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <map>
+#include <optional>
 #include <type_traits>
 
+#include "sim/core/dense.hpp"
 #include "sim/core/jet.hpp"
 
 namespace taut {
@@ -324,18 +324,17 @@ std::string BeamProtocol::Chain::solve(Eigen::VectorXd& x, const Params& p, int&
   for (int iteration = 0; iteration < 100; ++iteration) {
     const ChainEnergy sum = assemble(x, p, {});
     ++factorisations;
-    const Eigen::LLT<Eigen::MatrixXd> factor(sum.hessian);
-    const bool convex = factor.info() == Eigen::Success;
+    const std::optional<Eigen::MatrixXd> newton = solve_positive_definite(sum.hessian, sum.gradient);
+    const bool convex = newton.has_value();
     Eigen::VectorXd step;
     if (convex) {
-      step = -factor.solve(sum.gradient);
+      step = -*newton;
     } else {
       // Downhill all the same: curvatures by their size.
       const auto scale = unit.cwiseInverse().asDiagonal();
-      const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> modes(scale * sum.hessian * scale);
-      const Eigen::VectorXd sizes = modes.eigenvalues().cwiseAbs(), downhill = scale * sum.gradient;
+      const auto [values, V] = symmetric_modes(scale * sum.hessian * scale);
+      const Eigen::VectorXd sizes = values.cwiseAbs(), downhill = scale * sum.gradient;
       const Eigen::VectorXd curvatures = sizes.cwiseMax(1e-9 * sizes.maxCoeff());
-      const Eigen::MatrixXd& V = modes.eigenvectors();
       step = -(scale * (V * (V.transpose() * downhill).cwiseQuotient(curvatures)).eval());
     }
     if (!step.allFinite()) return "the energy is not finite";

@@ -2,13 +2,13 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <map>
 
 #include "calib/models/beam_chain.hpp"
+#include "sim/core/dense.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/numbers.hpp"
 #include "sim/core/units.hpp"
@@ -79,7 +79,7 @@ State reached(const BeamProtocol::Chain& chain, State state, const Params& targe
   if (state.problem.empty() && !free.empty()) {
     const ChainEnergy sum = chain.assemble(state.x, target, free);
     ++factorisations;
-    state.dx = -sum.hessian.llt().solve(sum.mixed);
+    state.dx = -*solve_positive_definite(sum.hessian, sum.mixed);  // what solve() reached is stable
   }
   return state;
 }

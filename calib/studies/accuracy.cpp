@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <functional>
@@ -12,6 +11,7 @@
 #include <tuple>
 
 #include "calib/studies/discretisation.hpp"
+#include "sim/core/dense.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/stopwatch.hpp"
 
@@ -29,8 +29,8 @@ std::vector<double> unpacked(const std::string& text) {
   return values;
 }
 
-const Cells columns{"fingerprint", "axis",           "setting", "in_use", "unknowns",
-                    "seconds",     "factorisations", "failure", "values", "derivatives"};
+const Cells run_columns{"fingerprint", "axis",           "setting", "in_use", "unknowns",
+                        "seconds",     "factorisations", "failure", "values", "derivatives"};
 
 /// A run as it stands after axis and setting.
 Cells cells_of(const AccuracySetting& setting, const AccuracyRun& run) {
@@ -134,9 +134,8 @@ std::vector<double> parameter_noise(const AccuracyStudy& study, const Eigen::Mat
   for (Eigen::Index i = 0; i < J.rows(); ++i) J.row(i) /= study.sigma[static_cast<size_t>(i)];
   for (size_t j = 0; j < study.free.size(); ++j)
     J.col(static_cast<Eigen::Index>(j)) *= scale_of(study.free[j], study.table, study.nominal);
-  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(J, Eigen::ComputeThinU | Eigen::ComputeThinV);
-  const Eigen::VectorXd errors =
-      (svd.matrixV() * svd.singularValues().cwiseMax(0.01).cwiseInverse().asDiagonal()).rowwise().norm();
+  const SingularValues svd = singular_values(J);
+  const Eigen::VectorXd errors = (svd.V * svd.s.cwiseMax(0.01).cwiseInverse().asDiagonal()).rowwise().norm();
   return {errors.data(), errors.data() + errors.size()};
 }
 
@@ -222,7 +221,7 @@ Runs run_settings(const AccuracyStudy& study, const StudyOptions& options) {
   const std::vector<size_t> order = order_of(study.settings);
   Runs runs(order.size());
   Study table;
-  table.columns = columns;
+  table.columns = run_columns;
   table.keys = 2;
   table.least = 1;
   for (size_t i : order) {

@@ -2,13 +2,13 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <map>
 
 #include "calib/benches/bench.hpp"
 #include "calib/fit/goodness_of_fit.hpp"
+#include "sim/core/dense.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/numbers.hpp"
 #include "sim/core/stopwatch.hpp"
@@ -241,9 +241,9 @@ Eigen::VectorXd gauss_newton_step(const Prediction& prediction, const std::vecto
       left -= d[j] * J.col(j);
       open.col(j).setZero();
     }
-    const Eigen::JacobiSVD<Eigen::MatrixXd> svd(open, Eigen::ComputeThinU | Eigen::ComputeThinV);
-    const Eigen::VectorXd s = svd.singularValues(), inverse = s.cwiseQuotient(s.cwiseMax(0.01).cwiseAbs2());
-    const Eigen::VectorXd step = svd.matrixV() * inverse.asDiagonal() * (svd.matrixU().transpose() * left);
+    const auto [U, s, V] = singular_values(open);
+    const Eigen::VectorXd inverse = s.cwiseQuotient(s.cwiseMax(0.01).cwiseAbs2());
+    const Eigen::VectorXd step = V * inverse.asDiagonal() * (U.transpose() * left);
     for (Eigen::Index j = 0; j < n; ++j) {
       if (held[static_cast<size_t>(j)]) continue;
       d[j] = std::clamp(step[j], lowest[j], highest[j]);

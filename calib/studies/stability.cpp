@@ -673,7 +673,7 @@ StabilityMap time_map(std::shared_ptr<const FlightSubject> subject, StabilityMap
 
 // ---- store
 
-const Cells columns{"map", "method", "x", "y", "outcome", "iterations", "factorisations", "error", "fingerprint"};
+const Cells map_columns{"map", "method", "x", "y", "outcome", "iterations", "factorisations", "error", "fingerprint"};
 
 /// In the order of Outcome.
 constexpr std::array<std::string_view, 8> outcome_names{"converged", "cut back", "locked",   "elsewhere",
@@ -793,7 +793,7 @@ std::vector<std::vector<std::optional<StabilityRun>>> run_stability(const std::v
   for (const StabilityMap& map : maps) all.emplace_back(map.cells());
   std::vector<CellOf> cells;
   Study study;
-  study.columns = columns;
+  study.columns = map_columns;
   study.keys = 4;
   for (size_t k = 0; k < maps.size(); ++k) {
     // Method by method innermost: they share what a place of the map needs.

@@ -9,6 +9,7 @@
 #include "sim/contact/contact_geometry.hpp"
 #include "sim/contact/contact_geometry_3d.hpp"
 #include "sim/contact/surface.hpp"
+#include "sim/core/dense.hpp"
 
 namespace taut {
 namespace {

@@ -1,12 +1,12 @@
 #include "sim/contact/contact_geometry.hpp"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <numeric>
 
 #include "sim/contact/exact_sum.hpp"
+#include "sim/core/dense.hpp"
 
 namespace taut {
 namespace {
@@ -125,9 +125,7 @@ PointLineDistance::Matrix6 PointLineDistance::hessian(double first, double secon
     const Eigen::Vector3d G(size, 0, 0), T(0, size, 0), E(turn.dot(q1), 0, rest.norm());
     const Eigen::Matrix3d S =
         second * G * G.transpose() + mixed * (T * E.transpose() + E * T.transpose()) + bend * E * E.transpose();
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(S);
-    const Eigen::Matrix3d P =
-        eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0.0).asDiagonal() * eigen.eigenvectors().transpose();
+    const Eigen::Matrix3d P = positive_part(S);
     nn = P(0, 0) * q1 * q1.transpose() + P(2, 2) * q3 * q3.transpose();
     nn += P(2, 0) * (q3 * q1.transpose() + q1 * q3.transpose());
     nt = (P(1, 0) * q1 + P(2, 1) * q3) * q1.transpose();

@@ -1,6 +1,6 @@
 #include "sim/contact/contact_geometry_3d.hpp"
 
-#include <Eigen/Dense>
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -116,11 +116,6 @@ FeatureDistance::Matrix FeatureDistance::hessian(double first, double second) co
     }
   }
   return H;
-}
-
-FeatureDistance::Matrix positive_part(const FeatureDistance::Matrix& symmetric) {
-  const Eigen::SelfAdjointEigenSolver<FeatureDistance::Matrix> eigen(symmetric);
-  return eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0.0).asDiagonal() * eigen.eigenvectors().transpose();
 }
 
 Closest3 closest_on_segment(const Vector3d& r, const Vector3d& e) {

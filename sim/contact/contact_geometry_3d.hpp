@@ -48,9 +48,6 @@ struct FeatureDistance {
   Matrix hessian(double first, double second) const;
 };
 
-/// The nearest positive semi-definite matrix to a symmetric one.
-FeatureDistance::Matrix positive_part(const FeatureDistance::Matrix& symmetric);
-
 /// Where two features come closest.
 struct Closest3 {
   enum class Part {

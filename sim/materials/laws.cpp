@@ -1,21 +1,49 @@
 #include "sim/materials/laws.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 
+#include "sim/core/error.hpp"
 #include "sim/materials/all.hpp"
 
 namespace taut {
+namespace {
+
+template <class Material>
+Law law_of() {
+  const auto specs = Material::parameters();
+  return {std::string(Material::id),
+          {specs.begin(), specs.end()},
+          Material::splits_volume,
+          PointLaws<Material>::section,
+          PointLaws<Material>::solid};
+}
+
+const std::vector<Law>& all_laws() {
+  static const std::vector<Law> all =
+      std::apply([](auto... material) { return std::vector<Law>{law_of<decltype(material)>()...}; }, AllMaterials<>{});
+  return all;
+}
+
+}  // namespace
+
+const Law& law_named(std::string_view id) {
+  for (const Law& law : all_laws()) {
+    if (law.id == id) return law;
+  }
+  throw InputError(fmt::format("unknown material law '{}'{}; known laws: {}", id, did_you_mean(id, material_laws()),
+                               join(material_laws())));
+}
 
 std::vector<std::string> material_laws() {
-  return std::apply([](auto... material) { return std::vector<std::string>{std::string(material.id)...}; },
-                    AllMaterials<>{});
+  std::vector<std::string> ids;
+  for (const Law& law : all_laws()) ids.push_back(law.id);
+  return ids;
 }
 
 std::vector<ParameterSpec> material_parameters(std::string_view law) {
-  return with_law(law, [](auto material) {
-    const auto specs = material.parameters();
-    return std::vector<ParameterSpec>(specs.begin(), specs.end());
-  });
+  return law_named(law).parameters;
 }
 
 std::vector<std::pair<ParameterSpec, double>> region_parameters(const std::string& region, const std::string& law,
@@ -40,14 +68,16 @@ std::vector<std::pair<ParameterSpec, double>> region_parameters(const std::strin
   return parameters;
 }
 
+double modulus_at_rest(const Tangent<double, 3>& tangent) {
+  const double c11 = tangent(0, 0), c12 = tangent(0, 4);
+  return (c11 - c12) * (c11 + 2 * c12) / (c11 + c12);
+}
+
 double youngs_modulus(std::string_view law, const std::map<std::string, double>& constants) {
   if (const auto own = constants.find("E"); own != constants.end()) return own->second;
-  return with_law(law, [&](auto material) {
-    using Material = decltype(material);
-    std::array<double, std::tuple_size_v<decltype(Material::parameters())>> theta;
-    for (size_t j = 0; j < theta.size(); ++j) theta[j] = constants.at(Material::parameters()[j].id);
-    return modulus_at_rest(Material(theta));
-  });
+  std::vector<double> theta;
+  for (const ParameterSpec& spec : material_parameters(law)) theta.push_back(constants.at(spec.id));
+  return modulus_at_rest(law_named(law).solid(theta, false)->tangent(Tensor<double, 3>::Zero()));
 }
 
 }  // namespace taut

@@ -6,10 +6,20 @@
 #include <vector>
 
 #include "sim/core/parameters.hpp"
-#include "sim/materials/tensor.hpp"
+#include "sim/materials/point_law.hpp"
 
 // Laws by their names. All functions throw InputError with the nearest name for an unknown law.
 namespace taut {
+
+/// What is known of a material law.
+struct Law {
+  std::string id;
+  std::vector<ParameterSpec> parameters;  ///< its constants (ids without the region)
+  bool splits_volume = false;             ///< whether it has point laws that average the volume change
+  std::unique_ptr<PointLaw<2>> (*section)(const std::vector<double>& theta, Plane plane, bool averages) = nullptr;
+  std::unique_ptr<PointLaw<3>> (*solid)(const std::vector<double>& theta, bool averages) = nullptr;
+};
+const Law& law_named(std::string_view id);
 
 /// Ids of all laws, for help texts and messages.
 std::vector<std::string> material_laws();
@@ -23,12 +33,7 @@ std::vector<std::pair<ParameterSpec, double>> region_parameters(const std::strin
 
 /// Young's modulus [Pa] of an isotropic material at small strain, from its tangent at rest: with its entries c11 =
 /// lambda + 2 mu and c12 = lambda, E = (c11 - c12)(c11 + 2 c12) / (c11 + c12).
-template <class Material>
-double modulus_at_rest(const Material& material) {
-  const Tangent<double, 3> A = material.tangent(Tensor<double, 3>(Tensor<double, 3>::Zero()));
-  const double c11 = A(0, 0), c12 = A(0, 4);
-  return (c11 - c12) * (c11 + 2 * c12) / (c11 + c12);
-}
+double modulus_at_rest(const Tangent<double, 3>& tangent);
 /// The same of a law with all its constants; a constant E is that modulus.
 double youngs_modulus(std::string_view law, const std::map<std::string, double>& constants);
 

@@ -1,10 +1,10 @@
 #include <fmt/format.h>
 
-#include <Eigen/QR>
 #include <cmath>
 #include <limits>
 
 #include "sim/core/error.hpp"
+#include "sim/core/dense.hpp"
 #include "sim/mesh/mesh.hpp"
 #include "sim/mesh/shape_functions.hpp"
 #include "sim/mesh/topology.hpp"
@@ -56,7 +56,7 @@ struct ElementGeometry {
     for (int step = 0; m > 0; ++step) {
       if (step == most_steps || !free.allFinite()) return {};
       const Eigen::Matrix<double, D, Eigen::Dynamic, 0, D, D> J = X * Reference::gradients(xi).transpose() * directions;
-      const Free change = J.colPivHouseholderQr().solve(point - X * Reference::values(xi));
+      const Free change = least_squares(J, point - X * Reference::values(xi));
       free += change;
       xi = corner(vertices[0]) + directions * free;
       if (change.cwiseAbs().maxCoeff() < 1e-13) break;

@@ -1,8 +1,11 @@
 #include "sim/model/channel.hpp"
 
-#include <Eigen/Dense>
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <Eigen/SVD>
 #include <cmath>
 
+#include "sim/core/dense.hpp"
 #include "sim/core/error.hpp"
 #include "sim/mesh/weights.hpp"
 
@@ -46,7 +49,7 @@ class PatchRotation {
     }
     if (dimension_ == 2) moment(2, 2) = moment.trace();
     moment_ = moment;
-    const Eigen::Vector3d spread = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(moment).eigenvalues();
+    const Eigen::Vector3d spread = symmetric_modes(moment).values;
     if (!(spread[1] > 1e-12 * mesh.diagonal() * mesh.diagonal())) {
       throw InputError(
           "a marker or a rotation needs a patch that has a rotation, not a single point or (in 3D) a straight line; "

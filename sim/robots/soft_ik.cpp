@@ -2,11 +2,12 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <optional>
 
+#include "sim/core/dense.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/stopwatch.hpp"
 #include "sim/robots/sensitivities.hpp"
@@ -26,11 +27,11 @@ Eigen::VectorXd bounded_step(const Eigen::MatrixXd& B, const Eigen::VectorXd& g,
   }
   Eigen::VectorXd step = Eigen::VectorXd::Zero(q.size());
   while (!free.empty()) {
-    const Eigen::LLT<Eigen::MatrixXd> llt(B(free, free));
-    if (llt.info() != Eigen::Success) return {};
     for (Eigen::Index j : free) step[j] = 0;
     const Eigen::VectorXd slope = g + B * step;
-    step(free) = -llt.solve(slope(free));
+    const std::optional<Eigen::MatrixXd> inner = solve_positive_definite(B(free, free), slope(free));
+    if (!inner) return {};
+    step(free) = -*inner;
     std::vector<Eigen::Index> inside;
     for (Eigen::Index j : free) {
       if (q[j] + step[j] >= 0 && q[j] + step[j] <= 1) {

@@ -2,12 +2,12 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/QR>
 #include <algorithm>
 #include <functional>
 #include <stdexcept>
 #include <type_traits>
 
+#include "sim/core/dense.hpp"
 #include "sim/core/error.hpp"
 #include "sim/mesh/weights.hpp"
 #include "sim/terms/elastic_base.hpp"
@@ -397,14 +397,13 @@ void SceneBuilder::check_rigid_motions() const {
         if (component == second) row[d + axis] = x[first];
       }
     }
-    Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(rows);
-    qr.setThreshold(1e-9);
-    if (held.empty() || qr.rank() < motions) {
+    const Eigen::Index rank = held.empty() ? 0 : rank_of(rows, 1e-9);
+    if (rank < motions) {
       const Eigen::VectorXd at = mesh_.node(representative) * 1e3;
       throw InputError(
           fmt::format("the supports leave {} of {} rigid motions free (the part with the node at ({:.4g}, {:.4g}{}) "
                       "mm): fix more components",
-                      motions - (held.empty() ? 0 : qr.rank()), motions, at[0], at[1],
+                      motions - rank, motions, at[0], at[1],
                       d == 3 ? fmt::format(", {:.4g}", at[2]) : ""));
     }
   }

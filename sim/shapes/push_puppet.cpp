@@ -11,36 +11,31 @@
 namespace taut {
 namespace {
 
-/// Every refusal starts with the same words, so that a reader of experiment files can put file and line before them.
-[[noreturn]] void fail(const std::string& what) {
-  throw InputError("push-puppet module: " + what);
-}
-
 void check_studs(const PushPuppet& m) {
   const PushPuppetLayout at(m);
   for (const auto& [name, length] :
        {std::pair{"stud_thickness", m.stud_thickness}, std::pair{"stud_play", m.stud_play}}) {
     if (!(length > 0.0) || !std::isfinite(length)) {
-      fail(fmt::format("{} is {}; studs need a positive one (stud_length = \"0 mm\" leaves studs out)", name,
-                       in_mm(length)));
+      refuse_module(fmt::format("{} is {}; studs need a positive one (stud_length = \"0 mm\" leaves studs out)", name,
+                                in_mm(length)));
     }
   }
   const double thin = m.lip_thickness - 2.0 * m.lip_relief;
   if (m.stud_thickness >= thin) {
-    fail(
+    refuse_module(
         fmt::format("a stud of stud_thickness {} does not fit on a left lip of {} (lip_thickness {} - 2 x lip_relief "
                     "{}); make the stud thinner than that",
                     in_mm(m.stud_thickness), in_mm(thin), in_mm(m.lip_thickness), in_mm(m.lip_relief)));
   }
   const double groove = m.stud_thickness + 2.0 * m.stud_play;
   if (groove >= m.lip_thickness) {
-    fail(
+    refuse_module(
         fmt::format("a groove of {} (stud_thickness {} + 2 x stud_play {}) does not fit in a right lip of "
                     "lip_thickness {}; make stud or play smaller",
                     in_mm(groove), in_mm(m.stud_thickness), in_mm(m.stud_play), in_mm(m.lip_thickness)));
   }
   if (at.groove_depth + m.via_inset >= at.lip_length) {
-    fail(fmt::format(
+    refuse_module(fmt::format(
         "a groove {} deep (stud_length {} + stud_play {}) and the via point via_inset {} behind it do not "
         "fit in lips that are {} long; make the studs shorter or gap_total smaller",
         in_mm(at.groove_depth), in_mm(m.stud_length), in_mm(m.stud_play), in_mm(m.via_inset), in_mm(at.lip_length)));
@@ -48,6 +43,10 @@ void check_studs(const PushPuppet& m) {
 }
 
 }  // namespace
+
+void refuse_module(const std::string& what) {
+  throw InputError("push-puppet module: " + what);
+}
 
 PushPuppetLayout::PushPuppetLayout(const PushPuppet& m)
     : gap(m.gap_total / m.cells),
@@ -92,35 +91,37 @@ std::vector<MeshKey> PushPuppet::mesh_keys() const {
 void PushPuppet::check() const {
   check_keys("push-puppet module");
   const PushPuppet& m = *this;
-  if (!std::isfinite(m.cable_offset)) fail("cable_offset is not a finite length");
+  if (!std::isfinite(m.cable_offset)) refuse_module("cable_offset is not a finite length");
   const PushPuppetLayout at(m);
   if (at.gap >= m.cell_length) {
-    fail(
+    refuse_module(
         fmt::format("gap_total {} over {} cells opens {} in each, but cell_length is {}; make gap_total smaller than "
                     "{}",
                     in_mm(m.gap_total), m.cells, in_mm(at.gap), in_mm(m.cell_length), in_mm(m.cells * m.cell_length)));
   }
   const double thin = m.lip_thickness - 2.0 * m.lip_relief;
   if (!(thin > 0.0)) {
-    fail(fmt::format("lip_relief {} on both sides leaves nothing of lip_thickness {}; make lip_relief smaller than {}",
-                     in_mm(m.lip_relief), in_mm(m.lip_thickness), in_mm(0.5 * m.lip_thickness)));
+    refuse_module(
+        fmt::format("lip_relief {} on both sides leaves nothing of lip_thickness {}; make lip_relief smaller than {}",
+                    in_mm(m.lip_relief), in_mm(m.lip_thickness), in_mm(0.5 * m.lip_thickness)));
   }
   if (m.via_inset >= at.lip_length) {
-    fail(
+    refuse_module(
         fmt::format("via_inset {} is not inside the lips, which are {} long ((cell_length {} - gap_total {} / {} "
                     "cells) / 2); make via_inset or gap_total smaller",
                     in_mm(m.via_inset), in_mm(at.lip_length), in_mm(m.cell_length), in_mm(m.gap_total), m.cells));
   }
   const double offset = std::abs(m.cable_offset);
   if (offset < at.thin_low || offset > at.thin_high) {
-    fail(fmt::format("cable_offset {} is outside the left lips, which go from {} to {}; put the cables in them",
-                     in_mm(m.cable_offset), in_mm(at.thin_low), in_mm(at.thin_high)));
+    refuse_module(
+        fmt::format("cable_offset {} is outside the left lips, which go from {} to {}; put the cables in them",
+                    in_mm(m.cable_offset), in_mm(at.thin_low), in_mm(at.thin_high)));
   }
   if (m.stud_length > 0.0) check_studs(m);
   if (!(m.base_bracket >= 0.0 && m.tip_bracket >= 0.0 && m.bracket_height > 0.0 &&
         m.bracket_height <= 2 * at.lip_high)) {
-    fail(fmt::format("brackets need a length of zero or more and a height above 0, at most the plates' {}",
-                     in_mm(2 * at.lip_high)));
+    refuse_module(fmt::format("brackets need a length of zero or more and a height above 0, at most the plates' {}",
+                              in_mm(2 * at.lip_high)));
   }
 }
 
@@ -159,7 +160,7 @@ std::vector<Spine> PushPuppet::spines() const {
 
 std::vector<Eigen::Vector2d> cable_path(const PushPuppet& module, int side) {
   module.check();
-  if (side != 1 && side != -1) fail(fmt::format("cable side {}; +1 (upper) and -1 (lower) are allowed", side));
+  if (side != 1 && side != -1) refuse_module(fmt::format("cable side {}; +1 (upper) and -1 (lower) are allowed", side));
   const PushPuppetLayout at(module);
   const double y = side * std::abs(module.cable_offset);
   std::vector<Eigen::Vector2d> path{{-module.plate_thickness, y}};

@@ -1,4 +1,5 @@
 #pragma once
+#include <string>
 #include <vector>
 
 #include "sim/shapes/shape.hpp"
@@ -74,5 +75,9 @@ Mesh mesh_push_puppet(const PushPuppet& module, const PushPuppetMesh& mesh, doub
 /// left face (fixed in space), the via points, the tip plate's right face. In a grooved lip the via point lies behind
 /// the groove's bottom, in a lip with a stud behind its end face.
 std::vector<Eigen::Vector2d> cable_path(const PushPuppet& module, int side);
+
+/// Throws InputError about a module that cannot be. Every refusal starts with the same words, so that a reader of
+/// experiment files can put file and line before them.
+[[noreturn]] void refuse_module(const std::string& what);
 
 }  // namespace taut

@@ -11,11 +11,6 @@
 namespace taut {
 namespace {
 
-/// Every refusal starts with the same words, so that a reader of experiment files can put file and line before them.
-[[noreturn]] void fail(const std::string& what) {
-  throw InputError("push-puppet module: " + what);
-}
-
 /// End points of `cells` equal steps from `first` to `last`, both exact.
 std::vector<double> spread(double first, double last, int cells) {
   std::vector<double> lines{first};
@@ -297,12 +292,13 @@ class LipBuilder {
 
 void check_mesh(const PushPuppet& m, const PushPuppetMesh& mesh, double inset) {
   if (!(mesh.size > 0.0) || !std::isfinite(mesh.size)) {
-    fail(fmt::format("element size {}; a positive length is needed", in_mm(mesh.size)));
+    refuse_module(fmt::format("element size {}; a positive length is needed", in_mm(mesh.size)));
   }
-  if (mesh.lip_cells < 1) fail(fmt::format("{} elements through a lip; at least 1 is needed", mesh.lip_cells));
-  if (mesh.order != 1 && mesh.order != 2) fail(fmt::format("element order {}; 1 and 2 are allowed", mesh.order));
+  if (mesh.lip_cells < 1) refuse_module(fmt::format("{} elements through a lip; at least 1 is needed", mesh.lip_cells));
+  if (mesh.order != 1 && mesh.order != 2)
+    refuse_module(fmt::format("element order {}; 1 and 2 are allowed", mesh.order));
   if (!(inset >= 0.0) || inset >= m.via_inset) {
-    fail(
+    refuse_module(
         fmt::format("the lips' ends are to be {} shorter, past the via points via_inset {} inside them; allowed are 0 "
                     "up to less than via_inset",
                     in_mm(inset), in_mm(m.via_inset)));
@@ -310,7 +306,7 @@ void check_mesh(const PushPuppet& m, const PushPuppetMesh& mesh, double inset) {
   if (m.stud_length <= 0.0) return;
   const double groove = m.stud_thickness + 2.0 * (m.stud_play + inset);
   if (2.0 * inset >= m.stud_thickness || groove >= m.lip_thickness) {
-    fail(
+    refuse_module(
         fmt::format("{} taken off every face leaves nothing of a stud of {} or beside a groove of {} in a lip of {}; "
                     "take less off",
                     in_mm(inset), in_mm(m.stud_thickness), in_mm(groove), in_mm(m.lip_thickness)));

@@ -1,9 +1,9 @@
 #include "sim/solve/reduction.hpp"
 
-#include <Eigen/Eigenvalues>
 #include <array>
 #include <cmath>
 
+#include "sim/core/dense.hpp"
 #include "sim/core/sorted.hpp"
 
 namespace taut {
@@ -137,10 +137,7 @@ std::vector<Reduction::Curved> Reduction::rotations(const Eigen::VectorXd& u, co
       continue;
     }
     Eigen::Matrix3d whole = 0.5 * (moment + moment.transpose()) - moment.trace() * Eigen::Matrix3d::Identity();
-    if (projected) {
-      const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(whole);
-      whole = eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0.0).asDiagonal() * eigen.eigenvectors().transpose();
-    }
+    if (projected) whole = positive_part(whole);
     for (int column = 0; column < d; ++column) {
       for (int row = column; row < d; ++row)
         curved.push_back({rigid.first + d + row, rigid.first + d + column, whole(row, column)});

@@ -2,12 +2,13 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Dense>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <map>
 #include <numbers>
 
+#include "sim/core/dense.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/sorted.hpp"
 #include "sim/mesh/topology.hpp"
@@ -398,7 +399,7 @@ Attachment make_attachment(const Mesh& mesh, const Part& part, const Eigen::Vect
     result.nodes.push_back(node);
   }
   const Eigen::MatrixXd gram = M * m.asDiagonal() * M.transpose();
-  const Eigen::VectorXd w = m.asDiagonal() * M.transpose() * gram.ldlt().solve(Eigen::VectorXd::Unit(d + 1, 0)).eval();
+  const Eigen::VectorXd w = m.asDiagonal() * M.transpose() * least_squares(gram, Eigen::VectorXd::Unit(d + 1, 0));
   result.weights.assign(w.begin(), w.end());
   return result;
 }

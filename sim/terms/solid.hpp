@@ -9,9 +9,6 @@
 
 namespace taut {
 
-/// How a 2D model stands for a body of finite thickness; 3D models have nothing to assume.
-enum class Plane { strain, stress };
-
 /// How the energy of volume change is sampled.
 /// standard:     at every quadrature point. Locks as nu goes to 1/2: linear elements badly, quadratic tetrahedra too.
 /// locking_free: mean dilatation, U = lambda/2 V_e (mean_e ln J)^2 in each element e. This is the mixed method with
@@ -22,7 +19,7 @@ enum class Plane { strain, stress };
 ///               compression, where foam works.)
 enum class Formulation { standard, locking_free };
 
-/// What a region is made of: a law of sim/materials/all.hpp and where its parameters stand in the model's table.
+/// What a region is made of: a law by its name and where its parameters stand in the model's table.
 struct SolidDefinition {
   int region = 0;
   std::string law = "neo_hookean";

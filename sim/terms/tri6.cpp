@@ -1,0 +1,3 @@
+#include "sim/terms/element_terms_of.hpp"
+
+template struct taut::ElementTerms<taut::ElementShape::tri6>;
