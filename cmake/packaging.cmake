@@ -5,6 +5,16 @@ include(CMakePackageConfigHelpers)
 
 set(package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/taut)
 install(TARGETS taut COMPONENT command)
+# Man page and completion, which the command makes of its own tables.
+foreach(made man=man/man1/taut.1 bash=bash-completion/completions/taut zsh=zsh/site-functions/_taut)
+  string(REGEX MATCH "^(.*)=(.*)/(.*)$" matched ${made})
+  set(file share/${CMAKE_MATCH_2}/${CMAKE_MATCH_3})
+  add_custom_command(OUTPUT ${file} COMMAND ${CMAKE_COMMAND} -E make_directory share/${CMAKE_MATCH_2}
+                     COMMAND taut help ${CMAKE_MATCH_1} > ${file} DEPENDS taut VERBATIM)
+  list(APPEND manual_files ${PROJECT_BINARY_DIR}/${file})
+  install(FILES ${PROJECT_BINARY_DIR}/${file} DESTINATION ${CMAKE_INSTALL_DATADIR}/${CMAKE_MATCH_2} COMPONENT command)
+endforeach()
+add_custom_target(manual ALL DEPENDS ${manual_files})
 install(TARGETS taut_sim taut_calib taut_reports EXPORT taut-targets ARCHIVE COMPONENT development)
 # Includes start at the root of the sources, so the headers get a root of their own. Those that read TOML stay at home.
 foreach(layer sim calib reports)
