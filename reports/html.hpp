@@ -25,7 +25,7 @@ std::string bare_number(double value);
 /// A table of texts, escaped here. A header that starts with '#' makes its column one of numbers, set to the right; a
 /// cell that starts with '`' is set as code; empty headers only give a table without a head.
 using Cells = std::vector<std::string>;
-std::string table(const Cells& header, const std::vector<Cells>& rows);
+std::string table(const Cells& header, const std::vector<Cells>& rows);  ///< see above
 
 /// One row for each item.
 template <class Items, class Row>
