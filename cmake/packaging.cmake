@@ -7,12 +7,13 @@ set(package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/taut)
 install(TARGETS taut COMPONENT command)
 # Man page and completion, which the command makes of its own tables.
 foreach(made man=man/man1/taut.1 bash=bash-completion/completions/taut zsh=zsh/site-functions/_taut)
-  string(REGEX MATCH "^(.*)=(.*)/(.*)$" matched ${made})
-  set(file share/${CMAKE_MATCH_2}/${CMAKE_MATCH_3})
-  add_custom_command(OUTPUT ${file} COMMAND ${CMAKE_COMMAND} -E make_directory share/${CMAKE_MATCH_2}
-                     COMMAND taut help ${CMAKE_MATCH_1} > ${file} DEPENDS taut VERBATIM)
-  list(APPEND manual_files ${PROJECT_BINARY_DIR}/${file})
-  install(FILES ${PROJECT_BINARY_DIR}/${file} DESTINATION ${CMAKE_INSTALL_DATADIR}/${CMAKE_MATCH_2} COMPONENT command)
+  string(REGEX MATCH "^(.*)=(.*)/.*$" matched ${made})
+  set(kind ${CMAKE_MATCH_1})
+  set(folder ${CMAKE_MATCH_2})
+  string(REPLACE "${kind}=" share/ file ${made})
+  add_custom_command(TARGET taut POST_BUILD BYPRODUCTS ${file} COMMAND ${CMAKE_COMMAND} -E make_directory share/${folder}
+                     COMMAND taut help ${kind} > ${file} VERBATIM)
+  install(FILES ${PROJECT_BINARY_DIR}/${file} DESTINATION ${CMAKE_INSTALL_DATADIR}/${folder} COMPONENT command)
 endforeach()
 # Where Debian's zsh looks below /usr; below /usr/local it is site-functions.
 install(FILES ${PROJECT_BINARY_DIR}/share/zsh/site-functions/_taut DESTINATION ${CMAKE_INSTALL_DATADIR}/zsh/vendor-completions

@@ -18,7 +18,7 @@ std::string bound(double value, const std::string& unit);
 double misfit_ratio(const FitResult& fit);
 /// There are more readings than parameters, and a result.
 bool can_judge(const FitResult& fit);
-bool fits(const FitResult& fit);  ///< Chi squared is not improbably large: p is 0.05 or more.
+bool fits(const FitResult& fit);  ///< chi squared is not improbably large: p is 0.05 or more
 
 /// An estimate in one unit, cut to the digits that its standard error leaves.
 struct Shown {

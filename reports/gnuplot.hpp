@@ -8,7 +8,7 @@
 namespace taut::plot {
 
 inline constexpr const char* kBlack = "#222222";  ///< of text and axes
-inline constexpr const char* kGrey = "#6b6b6b";   ///< of what stands behind
+inline constexpr const char* kGrey = "#6b6b6b";   ///< of what matters less
 
 /// Colours that the colour-blind tell apart (Okabe and Ito), repeated from the eighth on.
 std::string colour(size_t i);

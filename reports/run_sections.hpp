@@ -6,17 +6,18 @@
 namespace taut {
 namespace plot {
 
-std::optional<Drawing> force_displacement(const RunRecord& record);   ///< readings with the fitted curves
-std::optional<Drawing> effective_stiffness(const RunRecord& record);  ///< slope of load over displacement
-std::optional<Drawing> residuals(const RunRecord& record);            ///< in units of sigma, over the load or time
-std::optional<Drawing> stress_strain(const RunRecord& record);        ///< of a material point
+std::optional<Drawing> force_displacement(const RunRecord& record);  ///< readings with the fitted curves
+std::optional<Drawing> effective_stiffness(
+    const RunRecord& record);                                   ///< force per displacement, or per increment of it
+std::optional<Drawing> residuals(const RunRecord& record);      ///< of readings at rest, in units of sigma
+std::optional<Drawing> stress_strain(const RunRecord& record);  ///< of a material point
 /// The lines of a shape [mm].
 Rows lines_of(const ShapeRecord& shape);
-std::optional<Drawing> deformed_shapes(const RunRecord& record);  ///< outlines of all conditions over one another
+std::optional<Drawing> deformed_shapes(const RunRecord& record);  ///< shape_panels(), else outlines over one another
 /// The same as panels beside each other, with filled regions and cables: for several materials, cables or several held
 /// values; else nothing.
 std::optional<Drawing> shape_panels(const RunRecord& record);
-std::optional<Drawing> variants(const RunRecord& record);  ///< each variant's values beside the fit's
+std::optional<Drawing> variants(const RunRecord& record);  ///< values of other meshes and of references
 /// Rise of chi squared over the value of each parameter whose profile likelihood was searched; open ends are arrows.
 std::optional<Drawing> profiles(const RunRecord& record);
 /// Measured and simulated motion of each recording over time, with residuals below.

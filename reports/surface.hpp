@@ -31,7 +31,7 @@ Surface surface_of(const Mesh& mesh);  ///< all that is visible of a mesh
 
 /// Positions x = X + u [m], one column per point: of a surface, and of a line.
 Eigen::MatrixXd positions(const Surface& surface, const Mesh& mesh, const Eigen::VectorXd& u);
-Eigen::MatrixXd positions(const DrawnLine& line, const Mesh& mesh, const Eigen::VectorXd& u);  ///< see above
+Eigen::MatrixXd positions(const DrawnLine& line, const Mesh& mesh, const Eigen::VectorXd& u);  ///< of a line
 
 /// A box along the axes [m].
 struct Bounds {

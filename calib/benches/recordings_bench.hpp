@@ -8,7 +8,7 @@
 
 namespace taut {
 
-extern const BenchKind recordings_kind;  ///< as files name it
+extern const BenchKind recordings_kind;  ///< its row in the table of kinds
 
 /// Motions over time: [bench] with kind = "recordings". One row per sample.
 class RecordingsBench final : public Bench {

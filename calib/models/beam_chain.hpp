@@ -76,7 +76,7 @@ struct BeamProtocol::Chain {
 
   /// Table index of a parameter; -1: there is none of that name.
   int index(const std::string& id) const { return table.contains(id) ? table.index(id) : -1; }
-  double energy(const Eigen::VectorXd& x, const Params& p) const;  ///< pi(x; p) [J]
+  double energy(const Eigen::VectorXd& x, const Params& p) const;  ///< Pi(x; p) [J]
   /// With derivatives; `free`: table indices of the parameters of `mixed`.
   ChainEnergy assemble(const Eigen::VectorXd& x, const Params& p, const std::vector<int>& free) const;
   /// Newton's method with a line search, from `x` on. Returns what went wrong, "" for a minimum.

@@ -23,7 +23,7 @@ class LadderProtocol final : public Protocol {
     const StaticProtocol* idle = nullptr;
     StaticReplay watch;  ///< then the same with contact: takes its place as soon as a gap closes
   };
-  /// `parameters` and `nominal` are the full model's; parts have each row once.
+  /// `parameters` and `nominal` are the full model's; each row is in one part.
   LadderProtocol(ParameterTable parameters, Params nominal, int rows, std::vector<Part> parts)
       : parameters_(std::move(parameters)), nominal_(std::move(nominal)), rows_(rows), parts_(std::move(parts)) {}
 

@@ -9,7 +9,7 @@
 
 namespace taut {
 
-using Cells = std::vector<std::string>;  ///< A line of a table
+using Cells = std::vector<std::string>;  ///< a line of a table
 
 /// Stands for the contents of the files that a result is made from. Throws InputError for one that cannot be read.
 std::string fingerprint_of(const std::vector<std::string>& files);

@@ -114,7 +114,7 @@ int run(const std::vector<std::string>& arguments) {
     return arguments.empty() ? exit_input : exit_ok;
   }
   if (arguments[0] == "help") {
-    if (arguments.size() > 2) throw InputError("taut help: one topic at a time");
+    if (arguments.size() > 2) throw InputError("taut help: one topic or command at a time");
     help_on(arguments[1]);
     return exit_ok;
   }

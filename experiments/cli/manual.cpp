@@ -236,7 +236,9 @@ _taut() {
 @CASES@    help)
       local -a topics=(@TOPICS@
       )
-      ((CURRENT == 2)) && _describe topic topics && _describe command commands
+      ((CURRENT == 2)) || return
+      _describe topic topics
+      _describe command commands
       ;;
   esac
 }

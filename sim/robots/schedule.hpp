@@ -11,7 +11,7 @@ namespace taut {
 ///   sine    value + amplitude (sin(2 pi frequency t + phase) - sin(phase)), t from the piece's beginning
 class ControlSchedule {
  public:
-  /// See above.
+  /// As listed for the class.
   enum class Kind { hold, linear, smooth, sine };
   /// A part of the schedule; begins where the one before ends.
   struct Piece {
