@@ -12,10 +12,10 @@ namespace taut {
 /// SI. `suffix` ends a column name as parse_header() reads it ("N_per_m"); `label` is empty for pure numbers.
 struct WrittenUnit {
   std::string suffix, label;
-  double factor;  ///< SI value of one unit
-  bool operator==(const WrittenUnit& other) const = default;
+  double factor;                                              ///< SI value of one unit
+  bool operator==(const WrittenUnit& other) const = default;  ///< same unit
 };
-WrittenUnit written_unit(const std::string& si_unit);
+WrittenUnit written_unit(const std::string& si_unit);  ///< see WrittenUnit
 
 /// The same for figures: forces, torques, energies and times whose largest size is below 0.1 get a thousandth.
 WrittenUnit shown_unit(const std::string& si_unit, double largest);
@@ -29,7 +29,7 @@ std::string column_suffix(const std::string& unit);
 /// "displacement [mm]"; one of the two alone where the other is empty.
 std::string bracketed(const std::string& text, const std::string& unit);
 
-bool is(const AxisRecord& axis, Quantity quantity);
+bool is(const AxisRecord& axis, Quantity quantity);  ///< whether it is an axis of this quantity
 
 /// What curves and figures run over: the control of the load, else the first one; without controls an empty axis.
 const AxisRecord& drawn_control(const RunRecord& record);
@@ -45,15 +45,16 @@ const AxisRecord& channel_axis(const RunRecord& record, const std::string& chann
 /// have the same ("displacement_mm", "sigma_mm"), else in a last column "unit" ("value", "sigma").
 class ReadingUnits {
  public:
+  /// As CSV files have them, or all in SI.
   enum Kind { written, si };
-  explicit ReadingUnits(const RunRecord& record, Kind kind = written);
+  explicit ReadingUnits(const RunRecord& record, Kind kind = written);  ///< of all channels of a record
   /// Throws std::logic_error for a channel that is not among RunRecord::channels.
   const WrittenUnit& of(const std::string& channel) const;
   /// What all channels have; nullopt where they differ, or there are none.
   const std::optional<WrittenUnit>& common() const { return common_; }
   /// What all channels are called: "displacement"; "value" where they differ.
   const std::string& what() const { return what_; }
-  std::string column(const std::string& name) const;
+  std::string column(const std::string& name) const;  ///< head of a column: "sigma_mm", or "sigma"
   /// The line of heads, with the column "unit" where it is needed.
   std::string heads(const std::string& line) const { return ended(line, "unit"); }
   /// A line of this channel, with its unit where it is needed.

@@ -9,8 +9,8 @@ namespace taut::plot {
 
 /// A DimensionLine as it is drawn.
 struct Dimension {
-  using enum DimensionLine::Side;
-  using Side = DimensionLine::Side;
+  using enum DimensionLine::Side;    ///< below, above, left, right
+  using Side = DimensionLine::Side;  ///< the side of the body that it stands on
   Side side;
   double from, to;  ///< along the side [mm]
   double body;      ///< across it: where the extension lines begin [mm]
@@ -25,10 +25,10 @@ class Dimensions {
   /// At `scale` [px/mm].
   Dimensions(std::vector<Dimension> list, double scale);
 
-  int rows(Dimension::Side side) const;
+  int rows(Dimension::Side side) const;  ///< how many rows a side takes
   /// Reach of numbers and arrows along the side, over all rows [px, from the side's coordinate 0].
   double lowest(Dimension::Side side) const;
-  double highest(Dimension::Side side) const;
+  double highest(Dimension::Side side) const;  ///< see lowest()
   /// gnuplot's arrows and labels; the first row on each side lies `spacing` beyond these coordinates [mm].
   std::string drawn(double left, double below, double right, double above) const;
 

@@ -18,16 +18,16 @@ std::string bound(double value, const std::string& unit);
 double misfit_ratio(const FitResult& fit);
 /// There are more readings than parameters, and a result.
 bool can_judge(const FitResult& fit);
-bool fits(const FitResult& fit);
+bool fits(const FitResult& fit);  ///< chi squared is not improbably large: p is 0.05 or more
 
 /// An estimate in one unit, cut to the digits that its standard error leaves.
 struct Shown {
   DisplayUnit unit;
   int decimals = 0;
 
-  explicit Shown(const ParameterEstimate& estimate);
-  std::string number(double value) const;
-  std::string with_unit(double value) const;
+  explicit Shown(const ParameterEstimate& estimate);  ///< in the unit that suits its value
+  std::string number(double value) const;             ///< without the unit
+  std::string with_unit(double value) const;          ///< "271 kPa"
   /// The 95 % interval: "271.4 to 276.9 kPa", "open to 0.46".
   std::string interval(const ParameterEstimate& estimate) const;
 };

@@ -13,11 +13,11 @@
 /// What the figures have in common. Used inside reports/ only.
 namespace taut::plot {
 
-inline constexpr double kMillimetre = 1e-3;
-inline constexpr double k95 = 1.959963984540054;  // 97.5 % quantile of the normal distribution
-inline constexpr double kPageWidth = 960;         // px
-inline constexpr double kTitle = 64;              // px, for the two lines of the title
-inline constexpr const char* kCable = "#d55e00";
+inline constexpr double kMillimetre = 1e-3;       ///< [m]
+inline constexpr double k95 = 1.959963984540054;  ///< 97.5 % quantile of the normal distribution
+inline constexpr double kPageWidth = 960;         ///< px
+inline constexpr double kTitle = 64;              ///< px, for the two lines of the title
+inline constexpr const char* kCable = "#d55e00";  ///< of cables
 
 /// A figure before it is drawn.
 struct Drawing {
@@ -50,16 +50,18 @@ struct Grid {
   std::vector<double> tall;    ///< panels of each row [px]
   double height;               ///< of the page [px]
 
+  /// One panel in each of `column_count` columns until rows() or panels() says more.
   Grid(const Room& around, std::vector<LegendEntry> entries, size_t column_count = 1);
   /// The heights of the rows, one after the other, or of all rows that `count` panels need. The page is as high as the
   /// legend at least.
   Grid& rows(std::vector<double> heights);
-  Grid& panels(size_t count, double each);
+  Grid& panels(size_t count, double each);  ///< see rows()
 
-  Box box(size_t i) const;
-  bool leftmost(size_t i) const { return i % columns == 0; }
+  Box box(size_t i) const;                                    ///< the i-th panel
+  bool leftmost(size_t i) const { return i % columns == 0; }  ///< whether it stands in the first column
   /// The page with its legend, `down` pixels below the title: a little below the upper edge of the first panel.
   Page page(const std::string& title, const std::string& subtitle, bool simulated, double down) const;
+  /// The same with the usual room.
   Page page(const std::string& title, const std::string& subtitle, bool simulated) const {
     return page(title, subtitle, simulated, room.above + 6);
   }
@@ -75,7 +77,7 @@ struct Band {
   Rows middle, lower, upper;
   /// A point, and how far the band goes along either axis.
   void add(double x, double y, double half_x, double half_y);
-  void draw(Page& page, const std::string& colour, Plots& plots) const;
+  void draw(Page& page, const std::string& colour, Plots& plots) const;  ///< band first, then the line
 };
 
 /// Points of any type with two coordinates as rows, in another unit.
@@ -107,7 +109,7 @@ std::optional<std::pair<Eigen::VectorXd, Eigen::VectorXd>> clipped(const Eigen::
                                                                    const Eigen::VectorXd& lower,
                                                                    const Eigen::VectorXd& upper);
 
-inline constexpr const char* kFilled = "filledcurves closed fs solid 1 noborder";
+inline constexpr const char* kFilled = "filledcurves closed fs solid 1 noborder";  ///< a closed line as an area
 
 /// Areas of a signed `size` in the order in which they are filled: what lies in a hole comes after it.
 template <class Areas>
@@ -126,11 +128,12 @@ std::vector<size_t> evenly_chosen(size_t count, size_t most);
 
 /// Behind residuals in units of sigma: the band in which 95 % of them lie if all is right, and the line of none.
 std::string expected_band();
-std::string zero_line();
+std::string zero_line();  ///< see expected_band()
 
 /// A CSV field; text is quoted when it must be, a number that is not finite is left empty.
 std::string field(const std::string& text);
-std::string field(double value);
+std::string field(double value);  ///< see field()
+/// See field().
 inline std::string field(int value) {
   return std::to_string(value);
 }

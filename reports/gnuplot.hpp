@@ -7,8 +7,8 @@
 /// any format. Used inside reports/ only.
 namespace taut::plot {
 
-inline constexpr const char* kBlack = "#222222";
-inline constexpr const char* kGrey = "#6b6b6b";
+inline constexpr const char* kBlack = "#222222";  ///< of text and axes
+inline constexpr const char* kGrey = "#6b6b6b";   ///< of what matters less
 
 /// Colours that the colour-blind tell apart (Okabe and Ito), repeated from the eighth on.
 std::string colour(size_t i);
@@ -36,6 +36,7 @@ using Plots = std::vector<std::string>;
 std::string plotted(const std::string& block, const std::string& style, const std::string& colour,
                     const std::string& columns = "1:2");
 
+/// An axis of a panel.
 struct Axis {
   std::string label;
   double low = 0, high = 1;
@@ -45,7 +46,7 @@ struct Axis {
 
 /// The axis that shows all finite `values` with a little room and about `tics` round tics; from zero on request.
 Axis axis_over(std::vector<double> values, std::string label, int tics, bool with_zero);
-Axis logarithmic_axis_over(const std::vector<double>& values, std::string label);
+Axis logarithmic_axis_over(const std::vector<double>& values, std::string label);  ///< the same in decades
 
 /// Gives both axes one scale in a panel `across` wide, and returns its height: that of the data, within limits [px].
 double to_one_scale(Axis& x, Axis& y, double across, double least, double most);
@@ -56,8 +57,9 @@ double to_one_scale(Axis& x, Axis& y, double across, double least, double most);
 std::string named_tics(char axis, const std::vector<std::pair<std::string, double>>& names);
 /// A line through a whole panel at a value of y, or of x; `more` is gnuplot's ("dt (6,4)").
 std::string horizontal_line(double y, const std::string& colour, const std::string& more = "");
+/// See horizontal_line().
 std::string vertical_line(double x, const std::string& colour, const std::string& more = "");
-inline constexpr const char* kDashed = "dt (6,4) ";
+inline constexpr const char* kDashed = "dt (6,4) ";  ///< a style of lines
 /// An area behind the plots, between two of gnuplot's positions ("graph 0, first -2"); `fill` is its style of filling.
 std::string shade(const std::string& from, const std::string& to, const std::string& fill, const std::string& colour);
 /// A place at a value of an axis, or at a fraction of the panel.
@@ -72,20 +74,22 @@ struct Box {
 
 /// A line of the legend with the mark it explains.
 struct LegendEntry {
+  /// The mark before the words; a heading and a text have none.
   enum Kind { heading, text, line, dashes, band, area, hatch, arrow, point, bar_along_x, bar_along_y } kind;
   std::string label;
   std::string colour = kGrey;
   int symbol = 6;
 };
 
-inline constexpr double kLegendRow = 19;  // height of a line of the legend [px]
+inline constexpr double kLegendRow = 19;  ///< height of a line of the legend [px]
 
 /// Pixels that a legend's lines need in height, and across, at most `limit`.
 inline double legend_height(const std::vector<LegendEntry>& entries) {
   return kLegendRow * static_cast<double>(entries.size());
 }
-double legend_width(const std::vector<LegendEntry>& entries, double limit = 300);
+double legend_width(const std::vector<LegendEntry>& entries, double limit = 300);  ///< see legend_height()
 
+/// A figure as a gnuplot script: panels, legend and data.
 class Page {
  public:
   /// `simulated` is said beside the title.
@@ -98,6 +102,7 @@ class Page {
   void add(Plots& plots, const Rows& rows, const std::string& style, const std::string& colour,
            const std::string& columns = "1:2");
 
+  /// Its upper left corner at (left, top) [px].
   void legend(double left, double top, const std::vector<LegendEntry>& entries);
 
   /// Axes in `box` with `plots` ("$d1 using 1:2 with lines", drawn in this order); `extra` gnuplot lines come before
@@ -105,7 +110,7 @@ class Page {
   void panel(const Box& box, const Axis& x, const Axis& y, const std::string& title, Plots plots,
              const std::string& extra = "");
 
-  /// The script that draws <name>.svg, .pdf and .png into the current folder.
+  /// The script that draws NAME.svg, .pdf and .png into the current folder.
   std::string script(const std::string& name) const;
 
  private:
@@ -118,7 +123,7 @@ class Page {
   int block_count_ = 0;
 };
 
-/// Runs <name>.gp in `folder`. Throws InputError with the remedy when gnuplot is missing or fails.
+/// Runs NAME.gp in `folder`. Throws InputError with the remedy when gnuplot is missing or fails.
 void run_gnuplot(const std::string& folder, const std::string& name);
 
 }  // namespace taut::plot

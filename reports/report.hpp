@@ -6,7 +6,7 @@
 
 namespace taut {
 
-/// A figure as gnuplot made it: folder/figures/<name>.svg, .pdf, .png and the numbers beside them as <name>.csv.
+/// A figure as gnuplot made it: folder/figures/NAME.svg, .pdf, .png and the numbers beside them as NAME.csv.
 struct Figure {
   std::string name;
   std::string title;

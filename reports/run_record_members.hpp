@@ -18,6 +18,8 @@ namespace taut {
 /// Said of a number that has the unit of its reading's channel.
 struct InUnitOfChannel {};
 
+/// Walks the members of a record.
+/// @{
 void describe(auto&& a, ReadingRecord& reading) {
   a("line", reading.line);
   a("trial", reading.trial);
@@ -241,5 +243,7 @@ void describe(auto&& a, RunRecord& record) {
   describe_timing(a["timing"], record);
   a("provenance", record.provenance);
 }
+
+/// @}
 
 }  // namespace taut

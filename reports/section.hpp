@@ -14,6 +14,7 @@ struct Section {
   std::string html;
   std::vector<plot::Drawing> figures = {};
 };
+/// What a page is a list of.
 template <class Record>
 using MakeSection = std::optional<Section> (*)(const Record& record);
 

@@ -70,10 +70,10 @@ std::string file_name_of(const std::string& text);
 /// Labels of the record's samples with as many digits as their range needs: "0.25 s".
 class SampleLabel {
  public:
-  explicit SampleLabel(const SimulationRecord& record);
-  std::string operator()(double sample) const;
-  const WrittenUnit& unit() const { return unit_; }
-  int decimals() const { return decimals_; }
+  explicit SampleLabel(const SimulationRecord& record);  ///< with the unit that suits the samples
+  std::string operator()(double sample) const;           ///< "0.25 s"
+  const WrittenUnit& unit() const { return unit_; }      ///< that labels are in
+  int decimals() const { return decimals_; }             ///< that labels have
 
  private:
   WrittenUnit unit_;

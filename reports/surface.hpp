@@ -14,28 +14,30 @@ namespace taut::plot {
 /// boundary, outward oriented; facets of quadratic elements are four of them. Both count in `nodes`.
 struct Surface {
   std::vector<int> nodes;  ///< of the mesh, ascending
+  /// A closed line around a region.
   struct Loop {
     int region;
     std::vector<int> points;  ///< anticlockwise around the region, clockwise around its holes
   };
   std::vector<Loop> loops;
+  /// A piece of the boundary in space.
   struct Triangle {
     int region;
     std::array<int, 3> points;
   };
   std::vector<Triangle> triangles;
 };
-Surface surface_of(const Mesh& mesh);
+Surface surface_of(const Mesh& mesh);  ///< all that is visible of a mesh
 
 /// Positions x = X + u [m], one column per point: of a surface, and of a line.
 Eigen::MatrixXd positions(const Surface& surface, const Mesh& mesh, const Eigen::VectorXd& u);
-Eigen::MatrixXd positions(const DrawnLine& line, const Mesh& mesh, const Eigen::VectorXd& u);
+Eigen::MatrixXd positions(const DrawnLine& line, const Mesh& mesh, const Eigen::VectorXd& u);  ///< of a line
 
 /// A box along the axes [m].
 struct Bounds {
-  Eigen::VectorXd lower, upper;
-  void include(const Eigen::VectorXd& point);
-  double diagonal() const { return (upper - lower).norm(); }
+  Eigen::VectorXd lower, upper;                               ///< corners
+  void include(const Eigen::VectorXd& point);                 ///< makes it hold the point
+  double diagonal() const { return (upper - lower).norm(); }  ///< [m]
 };
 
 /// The window of all pictures of a run: all nodes and lines in all stored states, and what lies within a quarter of
@@ -52,6 +54,7 @@ struct View {
   Eigen::Vector3d right, up, toward;
   /// Azimuth and elevation of the viewer [rad].
   View(double azimuth, double elevation);
+  /// To the right, upwards, towards the viewer.
   Eigen::Vector3d operator()(const Eigen::Vector3d& x) const { return {right.dot(x), up.dot(x), toward.dot(x)}; }
 };
 /// Isometric: all three axes equally long, x to the lower right.
@@ -63,7 +66,7 @@ struct Painted {
   int triangle;
   double brightness;
 };
-std::vector<Painted> painted(const Surface& surface, const Eigen::MatrixXd& x, const View& view);
+std::vector<Painted> painted(const Surface& surface, const Eigen::MatrixXd& x, const View& view);  ///< see Painted
 
 /// Colours of the bodies: yellow for foam, dark grey for plastic, others in order of `i`.
 std::string body_colour(const std::string& region, size_t i);
@@ -72,7 +75,7 @@ std::string line_colour(size_t i, size_t count);
 /// Whether lines have their own colours, and names in legends.
 bool lines_are_told_apart(size_t count);
 
-inline constexpr const char* kGround = "#8a8278";
-inline constexpr const char* kObstacle = "#5a3d2b";
+inline constexpr const char* kGround = "#8a8278";    ///< colour of grounds
+inline constexpr const char* kObstacle = "#5a3d2b";  ///< colour of obstacles
 
 }  // namespace taut::plot

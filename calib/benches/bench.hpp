@@ -21,7 +21,7 @@ struct AxisRecord {
   std::string unit;      ///< SI: "m"
   std::string label;     ///< at the axis of a figure, the unit left out: "displacement"
 };
-AxisRecord make_axis(std::string id, Quantity quantity, std::string label);
+AxisRecord make_axis(std::string id, Quantity quantity, std::string label);  ///< the axis of a control
 /// The axis of a channel of an experiment: "displacement", "tension", ...
 AxisRecord make_axis(const ChannelSettings& channel);
 
@@ -74,12 +74,12 @@ struct CableState {
 /// else held, where x is the displacement of the load's own place.
 struct TangentStiffness {
   std::string where, load;
-  double value = 0;
+  double value = 0;  ///< k [N/m]
 };
 
 using Lines = std::vector<std::pair<std::string, std::string>>;  ///< label and text, for people
 
-std::vector<int> indices_of(const std::vector<FreeParameter>& free);
+std::vector<int> indices_of(const std::vector<FreeParameter>& free);  ///< their indices in the table
 
 struct StaticReplay;
 
@@ -102,18 +102,19 @@ struct CheaperModels {
 /// whatever kind of bench it is. Readings keep the order of their files.
 class Bench {
  public:
+  /// Kinds of benches add readings, controls and channels.
   explicit Bench(Experiment experiment) : experiment_(std::move(experiment)) {}
   virtual ~Bench() = default;
   Bench(const Bench&) = delete;
   Bench& operator=(const Bench&) = delete;
 
-  const Experiment& experiment() const { return experiment_; }
-  const std::vector<BenchReading>& readings() const { return readings_; }
+  const Experiment& experiment() const { return experiment_; }                    ///< as its file has it
+  const std::vector<BenchReading>& readings() const { return readings_; }         ///< in the order of their files
   const std::vector<Measurement>& measurements() const { return measurements_; }  ///< one per reading
-  const std::vector<AxisRecord>& controls() const { return controls_; }
-  const std::vector<AxisRecord>& channels() const { return channels_; }
-  int drawn_control() const { return drawn_control_; }  ///< over which figures are drawn; -1: none
-  const std::string& drawn_label() const { return drawn_label_; }
+  const std::vector<AxisRecord>& controls() const { return controls_; }           ///< what was set
+  const std::vector<AxisRecord>& channels() const { return channels_; }           ///< what was measured
+  int drawn_control() const { return drawn_control_; }             ///< over which figures are drawn; -1: none
+  const std::string& drawn_label() const { return drawn_label_; }  ///< at the axis of that control
 
   /// Has cheaper models in its service, where there are such of its kind.
   virtual void use(const CheaperModels& /*models*/) {}
@@ -130,6 +131,7 @@ class Bench {
   virtual std::vector<CurveRecord> curves(const Params& p, const std::vector<FreeParameter>& free,
                                           const Eigen::MatrixXd& covariance, const Ask& ask) const = 0;
   virtual bool draws_variants() const { return false; }  ///< whether variants have curves of their own
+  /// Of recordings; else none.
   virtual std::vector<SwingRecord> swings(const Eigen::VectorXd& /*predicted*/) const { return {}; }
 
   /// The same readings with what a [[fit.variant]] changes. Throws InputError.
@@ -148,7 +150,7 @@ class Bench {
   virtual Lines describe() const = 0;                          ///< mesh, materials, supports, loads, channels
   /// What a reader must know before trusting a prediction (elements that lock), and after it (folded states, slips).
   virtual std::vector<std::string> warnings_before() const { return {}; }
-  virtual std::vector<std::string> warnings_after() const { return {}; }
+  virtual std::vector<std::string> warnings_after() const { return {}; }  ///< after a prediction: see warnings_before()
   virtual std::string choice() const { return ""; }  ///< what model = "auto" chose, one sentence; else ""
   /// Whether one model predicts all rows; only then there are curves, variants and parts.
   virtual bool one_model() const { return true; }
@@ -158,8 +160,8 @@ class Bench {
   }
   /// The readings as their file has them, for who replays them with other meshes; null where that is not done.
   virtual const Trials* trials_at_rest() const { return nullptr; }
-  virtual SolvedStates states() const { return {}; }
-  virtual std::vector<CableState> cable_states() const { return {}; }
+  virtual SolvedStates states() const { return {}; }                   ///< of the last replay; none without a mesh
+  virtual std::vector<CableState> cable_states() const { return {}; }  ///< of the last replay; none without cables
   /// Of every load and state of the last prediction, which has to have asked for derivatives with respect to the loads.
   virtual std::vector<TangentStiffness> tangent_stiffness() const { return {}; }
   /// A control as a force [N], where it is a load: a mass times gravity; else as it is.

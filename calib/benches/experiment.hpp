@@ -18,6 +18,7 @@ class Bench;
 class TableReader;
 struct Experiment;
 
+/// [fit.free.ID]: start and bounds as the file has them; what is left out comes from the model.
 struct FreeSettings {
   std::string id;
   std::optional<GivenValue> start, lower, upper;
@@ -38,6 +39,7 @@ struct DiagnosticSettings {
   std::string parameter, per;
 };
 
+/// A [[fit.reference]]: a published value.
 struct ReferenceValue {
   std::string parameter;
   GivenValue value;
@@ -55,7 +57,7 @@ enum class Rung {
 
 /// All with their names as experiment files spell them; the first is that of files that name none.
 const std::vector<std::pair<std::string, Rung>>& rungs();
-std::string_view name_of(Rung rung);
+std::string_view name_of(Rung rung);  ///< as experiment files spell it
 
 /// A kind of bench. A new one is a file pair with what its files say, its Bench and its row, and the row's name in
 /// calib/files/bench_kinds.hpp: files, commands and messages follow.

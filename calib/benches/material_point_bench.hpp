@@ -10,7 +10,7 @@
 
 namespace taut {
 
-extern const BenchKind material_point_kind;
+extern const BenchKind material_point_kind;  ///< its row in the table of kinds
 
 /// Homogeneous tests on a material, without a mesh: geometry kind "uniaxial". Channels are modes of loading, readings
 /// nominal stresses [Pa] over the strain.

@@ -36,6 +36,7 @@ struct RecordingRow {
 /// trajectory that fails leaves NaN in its rows and one sentence.
 class RecordingProtocol final : public Protocol {
  public:
+  /// How motions are computed.
   struct Options {
     Integrator integrator = Integrator::bdf2;
     double step = 2e-3;  ///< [s]
@@ -54,9 +55,10 @@ class RecordingProtocol final : public Protocol {
   Prediction predict(const Params& p, const std::vector<int>& free) override;
   int factorisations() const override { return factorisations_; }
 
-  const Scene& scene() const { return scene_; }
-  const std::vector<Recording>& recordings() const { return recordings_; }
-  const std::vector<RecordingRow>& rows() const { return rows_; }
+  const Scene& scene() const { return scene_; }                             ///< the model with its nominal values
+  const std::vector<Recording>& recordings() const { return recordings_; }  ///< as they were given
+  const std::vector<RecordingRow>& rows() const { return rows_; }           ///< as they were given
+  /// Recordings that differ in their release only share one.
   int trajectories() const { return static_cast<int>(trajectories_.size()); }
   int steps() const { return steps_; }  ///< of all trajectories since construction
 

@@ -37,6 +37,7 @@ struct RecordingsSettings {
 inline RecordingsSettings& recordings_of(Experiment& experiment) {
   return std::any_cast<RecordingsSettings&>(experiment.own);
 }
+/// The same, to look at.
 inline const RecordingsSettings& recordings_of(const Experiment& experiment) {
   return std::any_cast<const RecordingsSettings&>(experiment.own);
 }
@@ -70,6 +71,7 @@ struct RecordingReplay {
   std::unique_ptr<RecordingProtocol> protocol;
   std::vector<Measurement> measurements;  ///< one per sample
 };
+/// Throws InputError.
 RecordingReplay make_recording_replay(const Experiment& experiment, const MeshSettings& settings,
                                       const std::vector<Sample>& samples);
 

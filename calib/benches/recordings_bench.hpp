@@ -8,14 +8,14 @@
 
 namespace taut {
 
-extern const BenchKind recordings_kind;
+extern const BenchKind recordings_kind;  ///< its row in the table of kinds
 
 /// Motions over time: [bench] with kind = "recordings". One row per sample.
 class RecordingsBench final : public Bench {
  public:
   /// Throws InputError.
   explicit RecordingsBench(Experiment experiment);
-  RecordingsBench(Experiment experiment, std::vector<Sample> samples);
+  RecordingsBench(Experiment experiment, std::vector<Sample> samples);  ///< with samples that were read already
 
   Protocol& protocol() const override { return *replay_.protocol; }
   std::vector<CurveRecord> curves(const Params& p, const std::vector<FreeParameter>& free,

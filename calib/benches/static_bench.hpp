@@ -8,7 +8,7 @@
 
 namespace taut {
 
-extern const BenchKind static_kind;
+extern const BenchKind static_kind;  ///< its row in the table of kinds
 /// Reads [bench] of readings at rest. Throws InputError.
 void read_readings(TableReader& root, Experiment& experiment);
 

@@ -32,6 +32,7 @@ struct NamedChannel {
 /// does not change a bit of the result.
 class StaticProtocol final : public Protocol {
  public:
+  /// How equilibria are found.
   struct Options {
     EquilibriumOptions equilibrium;
     int threads = 0;             ///< 0: as many as there are cores
@@ -54,18 +55,18 @@ class StaticProtocol final : public Protocol {
   void begin_search() override { polish_ = Polish::search; }
   void end_search() override { polish_ = Polish::full; }
 
-  const Scene& scene() const { return scene_; }
-  const std::vector<StaticRow>& rows() const { return rows_; }
-  const std::vector<int>& controls() const { return controls_; }  ///< table indices of what rows set
-  const std::vector<NamedChannel>& channels() const { return channels_; }
+  const Scene& scene() const { return scene_; }                            ///< the model with its nominal values
+  const std::vector<StaticRow>& rows() const { return rows_; }             ///< as they were given
+  const std::vector<int>& controls() const { return controls_; }           ///< table indices of what rows set
+  const std::vector<NamedChannel>& channels() const { return channels_; }  ///< that rows read
 
   /// A distinct set of controls, its last equilibrium and what it took.
   struct Condition {
-    std::vector<double> controls;
-    std::vector<int> rows;  ///< none: a state that others start or are measured from
-    int parent = -1;        ///< the condition that its path comes from; -1: rest
-    int unloaded = -1;      ///< the condition that its displacements are measured from; -1: rest
-    bool solved = false;    ///< u is an equilibrium at p, fit to start the next solve from
+    std::vector<double> controls;  ///< SI
+    std::vector<int> rows;         ///< none: a state that others start or are measured from
+    int parent = -1;               ///< the condition that its path comes from; -1: rest
+    int unloaded = -1;             ///< the condition that its displacements are measured from; -1: rest
+    bool solved = false;           ///< u is an equilibrium at p, fit to start the next solve from
     Params p;
     Eigen::VectorXd u;                ///< [m], all unknowns
     Eigen::MatrixXd sensitivities;    ///< du/dp of the parameters that were asked for last
@@ -73,11 +74,12 @@ class StaticProtocol final : public Protocol {
     SolveReport report;
     double smallest_jacobian = 0;  ///< over quadrature points and nodes, after the last solve
   };
+  /// That rows need, or that others start from.
   const std::vector<Condition>& conditions() const { return conditions_; }
   /// "mass = 0.5 kg, retraction = 17.68 mm".
   std::string describe(const Condition& condition) const;
   int factorisations() const override { return factorisations_; }
-  int newton_iterations() const { return newton_iterations_; }
+  int newton_iterations() const { return newton_iterations_; }  ///< since construction
 
  private:
   struct Path {

@@ -13,6 +13,7 @@ struct BenchRows {
   std::vector<int> row_of_reading;
   std::vector<Measurement> measurements;
 };
+/// As the model numbers controls and channels.
 BenchRows rows_of_readings(const Experiment& experiment, const BenchModel& model, const Trials& trials);
 
 /// Readings as rows of a static protocol, which has them.
@@ -21,6 +22,7 @@ struct StaticReplay : BenchRows {
   std::vector<Cable> cables;
   const Contact* contact = nullptr;  ///< of its model, in 2D
 };
+/// The readings' protocol with this mesh. Throws InputError.
 StaticReplay make_static_replay(const Experiment& experiment, const MeshSettings& settings, const Trials& trials);
 
 /// The experiment's free parameters with starts and bounds filled in from the model. Throws InputError for unknown ids,

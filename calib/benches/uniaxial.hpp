@@ -16,10 +16,11 @@ namespace taut {
 enum class PointMode { tension, compression, shear };
 /// "tension", "compression", "shear": the ids under which a bench file names them.
 std::string_view name_of(PointMode mode);
-std::vector<std::string> mode_names();
+std::vector<std::string> mode_names();  ///< of all modes, in their order
 /// The reverse, of a name that is one of those.
 PointMode mode_named(const std::string& name);
 
+/// A point of a stress-strain curve.
 struct PointRow {
   PointMode mode = PointMode::tension;
   double strain = 0;  ///< engineering strain s - 1 (compression < 0), or the amount of shear

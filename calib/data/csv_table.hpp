@@ -12,6 +12,7 @@ namespace taut {
 
 /// A CSV file split into cells, before any cell means anything: the file's dialect lives here, its meaning in trials.
 struct CsvTable {
+  /// A line of the file.
   struct Row {
     int line = 0;  ///< in the file, from 1; comments and empty lines count
     std::vector<std::string> cells;
@@ -34,6 +35,7 @@ struct CsvTable {
   [[noreturn]] void fail(int line, fmt::format_string<Args...> what, Args&&... args) const {
     throw InputError(at(line) + ": " + fmt::format(what, std::forward<Args>(args)...));
   }
+  /// The same at a cell.
   template <class... Args>
   [[noreturn]] void fail(const Row& row, size_t column, fmt::format_string<Args...> what, Args&&... args) const {
     throw InputError(at(row, column) + ": " + fmt::format(what, std::forward<Args>(args)...));

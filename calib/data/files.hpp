@@ -10,6 +10,6 @@ void write_file(const std::string& path, const std::string& text);
 /// time.
 void append_line(const std::string& path, const std::string& header, const std::string& line);
 std::string read_file(const std::string& path);  ///< InputError when it cannot be read
-std::string sha256_of(const std::string& path);
+std::string sha256_of(const std::string& path);  ///< in hexadecimal; InputError as read_file()
 
 }  // namespace taut

@@ -17,6 +17,7 @@ namespace taut {
 /// stay.
 class RunFolder {
  public:
+  /// What stands in a folder; one kind does not take the other's place.
   enum class Kind { fit, simulation };
   /// Makes the folder and takes its lock. Throws InputError when it cannot be made or written, when another process is
   /// at work there, or when it holds a run of the other kind.
@@ -25,15 +26,15 @@ class RunFolder {
   RunFolder(const RunFolder&) = delete;
   RunFolder& operator=(const RunFolder&) = delete;
 
-  const std::string& path() const { return path_; }
-  std::string next() const;    ///< where the new run's files are written; empty at first
-  std::string resume() const;  ///< for what an interrupted run leaves behind
-  bool finished() const;       ///< a run stands in the folder, and it is whole
+  const std::string& path() const { return path_; }  ///< as it was given
+  std::string next() const;                          ///< where the new run's files are written; empty at first
+  std::string resume() const;                        ///< for what an interrupted run leaves behind
+  bool finished() const;                             ///< a run stands in the folder, and it is whole
 
   /// Puts what stands in next() in the place of the run before, or of those of its files that have the same names.
   /// Throws InputError when the list cannot be written: the old run stays then.
   enum class Publish { whole, part };
-  void publish(Publish what = Publish::whole);
+  void publish(Publish what = Publish::whole);  ///< see Publish
   /// Says of the run in next() that parts of it are missing.
   void mark_unfinished() const;
   void forget_resume();  ///< nothing is left to go on with

@@ -19,20 +19,22 @@ struct Reading {
 
 /// What an instrument is good for: sigma^2 = absolute^2 + (relative * reading)^2 + resolution^2 / 12.
 struct InstrumentNoise {
-  double absolute = 0;    ///< SI unit of the channel
-  double relative = 0;    ///< fraction of the reading
-  double resolution = 0;  ///< last digit, SI unit of the channel; rounding is uniform, hence / 12
-  double sigma(double reading) const;
-  bool given() const { return absolute != 0 || relative != 0 || resolution != 0; }
+  double absolute = 0;                 ///< SI unit of the channel
+  double relative = 0;                 ///< fraction of the reading
+  double resolution = 0;               ///< last digit, SI unit of the channel; rounding is uniform, hence / 12
+  double sigma(double reading) const;  ///< standard deviation at a reading [SI]
+  bool given() const { return absolute != 0 || relative != 0 || resolution != 0; }  ///< whether there is any
 };
 
 /// Which column of a bench file means what. Column names are headers as they stand in the file, unit included.
 struct BenchFormat {
+  /// A column of what was set.
   struct Control {
     std::string id;                    ///< name of the load or actuation in the experiment
     std::string column;                ///< e.g. "tip_load_N" or "mass_g"
     std::vector<Quantity> quantities;  ///< what the unit may be; several are told apart by Trials::control_quantities
   };
+  /// What was measured, and where it stands.
   struct Channel {
     std::string id;
     std::string column;  ///< wide files: one column per channel; empty in long files

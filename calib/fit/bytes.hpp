@@ -25,8 +25,8 @@ class Bytes {
     (walk(values), ...);
     return *this;
   }
-  const std::string& bytes() const { return bytes_; }
-  bool at_end() const { return left_.empty(); }
+  const std::string& bytes() const { return bytes_; }  ///< what was put so far
+  bool at_end() const { return left_.empty(); }        ///< all was taken
 
  private:
   template <class T>

@@ -15,8 +15,8 @@ namespace taut {
 /// A parameter that a fit may change, with the interval it may move in (SI). Moduli and stiffnesses
 /// (ParameterSpec::logarithmic) are fitted as their logarithms.
 struct FreeParameter {
-  int index = 0;  ///< in the protocol's table
-  double start = 0;
+  int index = 0;     ///< in the protocol's table
+  double start = 0;  ///< SI, as the bounds
   double lower = 0;
   double upper = 0;
 };
@@ -29,6 +29,7 @@ struct Measurement {
   int group = 0;     ///< readings of one condition and channel share a group: repeats, whose spread is pure error
 };
 
+/// How well the readings determine a parameter; fit.cpp has the limits, experiments/README.md says them in words.
 enum class Verdict {
   well_determined,
   weakly_determined,
@@ -37,8 +38,9 @@ enum class Verdict {
   invisible,              ///< the readings do not depend on it within their noise
   unknown                 ///< the fit ended before its uncertainty was worked out
 };
-std::string_view name_of(Verdict verdict);
+std::string_view name_of(Verdict verdict);  ///< "well determined"
 
+/// What a fit says of one free parameter.
 struct ParameterEstimate {
   ParameterSpec spec;
   double start = 0, lower = 0, upper = 0;  ///< as the fit was given them, SI
@@ -60,8 +62,9 @@ struct LackOfFit {
   double F = 0, p_value = 1;
 };
 
+/// How a fit ended.
 enum class FitStatus { converged, not_converged, start_failed, interrupted };
-std::string_view name_of(FitStatus status);
+std::string_view name_of(FitStatus status);  ///< "not converged"
 
 /// What a part of a fit took.
 struct FitCost {
@@ -69,6 +72,7 @@ struct FitCost {
   int factorisations = 0;  ///< Protocol::factorisations
 };
 
+/// What a fit found: estimates, their uncertainty, and how well the model follows the readings.
 struct FitResult {
   FitStatus status = FitStatus::not_converged;
   std::string message;
@@ -94,12 +98,14 @@ struct FitResult {
   std::vector<std::string> failures;  ///< sentences of the failed simulations, the first few
 };
 
+/// Where a fit is, for those who watch.
 struct FitProgress {
   int evaluation = 0;
   double chi_squared = 0;
   std::vector<double> values;  ///< free parameters, SI
 };
 
+/// How long a fit searches, and how its intervals are found.
 struct FitOptions {
   int max_iterations = 60;
   double tolerance = 1e-6;    ///< relative decrease of chi squared at which the fit ends: some thousandths of a sigma

@@ -10,6 +10,7 @@ struct NoiseScaled {
   Eigen::VectorXd residuals;
   Eigen::MatrixXd jacobian;  ///< measurements x the prediction's derivatives
 };
+/// Residuals over their sigmas; see NoiseScaled.
 NoiseScaled noise_scaled(const Prediction& prediction, const std::vector<Measurement>& measurements);
 
 /// Probability that chi squared with `dof` degrees of freedom exceeds `value`; 1 without degrees of freedom.

@@ -14,17 +14,17 @@ struct Prediction {
   Eigen::MatrixXd derivatives;  ///< rows x free parameters, SI; empty when not asked for
   /// One sentence per failed condition: which rows, what happened, at which parameters.
   std::vector<std::string> failures;
-  bool complete() const { return failures.empty(); }
+  bool complete() const { return failures.empty(); }  ///< no simulation failed
 };
 
 /// How an experiment is replayed: turns parameters into a prediction for each row of a bench, with derivatives.
 class Protocol {
  public:
   virtual ~Protocol() = default;
-  virtual const ParameterTable& parameters() const = 0;
+  virtual const ParameterTable& parameters() const = 0;  ///< the table that `p` and `free` refer to
   /// Nominal values of all parameters.
   virtual const Params& nominal() const = 0;
-  virtual int row_count() const = 0;
+  virtual int row_count() const = 0;  ///< rows of a prediction
   /// Predicts all rows at `p`, with derivatives with respect to the parameters `free` (table indices) when that is not
   /// empty. May start from what earlier calls found: that changes the time, not the answer.
   virtual Prediction predict(const Params& p, const std::vector<int>& free) = 0;
@@ -32,11 +32,11 @@ class Protocol {
   virtual void forget() {}
   /// Between begin_search() and end_search() derivatives may be off by some per cent: good enough to search by.
   virtual void begin_search() {}
-  virtual void end_search() {}
+  virtual void end_search() {}  ///< from here on derivatives are exact again
   /// What the next prediction starts from besides its parameters, as bytes; "": nothing. A protocol of the same rows
   /// that restores them predicts the same to the bit.
   virtual std::string state() const { return ""; }
-  virtual void restore(const std::string& /*state*/) {}
+  virtual void restore(const std::string& /*state*/) {}  ///< takes what state() gave
   /// Matrix factorisations since construction: what predictions cost, whatever the machine. 0 for closed forms.
   virtual int factorisations() const { return 0; }
 };

@@ -16,15 +16,16 @@ struct BodyPoint {
 
 /// The foam between two bodies.
 struct ChainSpan {
-  BodyPoint left, right;  ///< middles of the faces that it joins
-  double length = 0, height = 0;
-  int bonded = 0;  ///< ends that are bonded to a body as wide as the span
+  BodyPoint left, right;          ///< middles of the faces that it joins
+  double length = 0, height = 0;  ///< [m]
+  int bonded = 0;                 ///< ends that are bonded to a body as wide as the span
 };
 
+/// A cable as straight pieces between bodies.
 struct ChainCable {
   std::vector<std::array<BodyPoint, 2>> free_lengths;  ///< pieces between points of different bodies
   int retraction = -1;
-  double smoothing = 0;
+  double smoothing = 0;  ///< [m], see CableLaw
 };
 
 /// A corner of a left lip's end face above the end face of a right lip.
@@ -33,12 +34,14 @@ struct LipCorner {
   BodyPoint corner, face;
 };
 
+/// A dead force: direction times one or two parameters.
 struct ChainLoad {
   BodyPoint at;
   Eigen::Vector2d direction;
   int value = -1, times = -1;  ///< table indices; -1: 1
 };
 
+/// A displacement along a direction.
 struct ChainChannel {
   BodyPoint at;
   Eigen::Vector2d direction;
@@ -73,7 +76,7 @@ struct BeamProtocol::Chain {
 
   /// Table index of a parameter; -1: there is none of that name.
   int index(const std::string& id) const { return table.contains(id) ? table.index(id) : -1; }
-  double energy(const Eigen::VectorXd& x, const Params& p) const;
+  double energy(const Eigen::VectorXd& x, const Params& p) const;  ///< Pi(x; p) [J]
   /// With derivatives; `free`: table indices of the parameters of `mixed`.
   ChainEnergy assemble(const Eigen::VectorXd& x, const Params& p, const std::vector<int>& free) const;
   /// Newton's method with a line search, from `x` on. Returns what went wrong, "" for a minimum.

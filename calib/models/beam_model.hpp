@@ -41,7 +41,7 @@ namespace taut {
 class BeamProtocol final : public Protocol {
  public:
   struct Chain;
-  explicit BeamProtocol(std::unique_ptr<const Chain> chain);
+  explicit BeamProtocol(std::unique_ptr<const Chain> chain);  ///< see make_beam_bench(), which makes the chain
   ~BeamProtocol() override;
   const ParameterTable& parameters() const override;
   const Params& nominal() const override;

@@ -14,6 +14,7 @@ namespace taut {
 /// those of the full model; what a model does not have changes nothing there.
 class LadderProtocol final : public Protocol {
  public:
+  /// A model and the rows that it predicts.
   struct Part {
     Rung rung = Rung::full;
     std::unique_ptr<Protocol> protocol;
@@ -22,6 +23,7 @@ class LadderProtocol final : public Protocol {
     const StaticProtocol* idle = nullptr;
     StaticReplay watch;  ///< then the same with contact: takes its place as soon as a gap closes
   };
+  /// `parameters` and `nominal` are the full model's; each row is in one part.
   LadderProtocol(ParameterTable parameters, Params nominal, int rows, std::vector<Part> parts)
       : parameters_(std::move(parameters)), nominal_(std::move(nominal)), rows_(rows), parts_(std::move(parts)) {}
 
@@ -66,6 +68,7 @@ struct RowChoice {
   bool closed = false;    ///< gaps are closed there: contact acts
 };
 
+/// What a climb came to.
 struct Ladder {
   std::vector<RungTrial> trials;
   std::vector<RowChoice> rows;  ///< as the full model's protocol has them

@@ -8,6 +8,7 @@
 
 namespace taut {
 
+/// How a bench computes.
 struct BenchOptions {
   int threads = 0;                          ///< states solved at the same time; 0: as the file says
   const std::atomic<bool>* stop = nullptr;  ///< ends solves early

@@ -9,6 +9,7 @@
 
 namespace taut {
 
+/// What a run does.
 struct RunOptions {
   bool variants = true;                     ///< the [[fit.variant]] too
   const std::atomic<bool>* stop = nullptr;  ///< end soon, with what is finished
@@ -16,6 +17,7 @@ struct RunOptions {
 
 /// What a run tells while it goes; nobody listens where nothing is set.
 struct RunEvents {
+  /// Who is told.
   template <class What>
   using Event = std::function<void(What)>;
   static constexpr auto unheard = [](const auto&) {};

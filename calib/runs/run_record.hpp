@@ -56,9 +56,10 @@ struct DiagnosticRecord {
   int readings = 0;
 };
 
+/// A published value beside the fitted one.
 struct ReferenceRecord {
   std::string parameter;
-  double value = 0;
+  double value = 0;  ///< SI
   std::string source;
 };
 

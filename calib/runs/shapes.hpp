@@ -13,6 +13,7 @@ struct ShapeRecord {
   std::vector<std::array<double, 4>> segments;  ///< boundary lines x0 y0 x1 y1 in the drawing plane [m]
   // In 2D also, for panels beside each other:
   using Line = std::vector<std::array<double, 2>>;  ///< points in the drawing plane [m]
+  /// A filled part of the picture.
   struct Area {
     std::string region;
     std::vector<Line> loops;  ///< closed, anticlockwise around the region, clockwise around its holes

@@ -24,7 +24,7 @@ enum class Outcome {
   inverted,   ///< elements turned inside out
   intersected,  ///< something passed through something
 };
-std::string_view name_of(Outcome outcome);
+std::string_view name_of(Outcome outcome);  ///< "cut back", as in charts and their store
 
 /// One run: a cell of a map.
 struct StabilityRun {
@@ -46,7 +46,8 @@ struct StabilityMap {
   bool shows_error = false;                           ///< the error belongs into the cells too
   std::function<StabilityRun(size_t method, size_t x, size_t y)> run = {};
 
-  size_t cells() const { return methods.size() * x.size() * y.size(); }
+  size_t cells() const { return methods.size() * x.size() * y.size(); }  ///< runs of the whole map
+  /// Number of a cell.
   size_t cell(size_t method, size_t i, size_t j) const { return (method * y.size() + j) * x.size() + i; }
 };
 

@@ -9,7 +9,7 @@
 
 namespace taut {
 
-using Cells = std::vector<std::string>;
+using Cells = std::vector<std::string>;  ///< a line of a table
 
 /// Stands for the contents of the files that a result is made from. Throws InputError for one that cannot be read.
 std::string fingerprint_of(const std::vector<std::string>& files);
@@ -39,11 +39,12 @@ class StudyStore {
 /// Raises a flag after some seconds, or when another one is raised.
 class Deadline {
  public:
+  /// After `seconds`, or as soon as `stop` (null: none) is raised.
   Deadline(double seconds, const std::atomic<bool>* stop);
 
-  const std::atomic<bool>& flag() const { return raised_; }
-  bool late() const { return late_; }  ///< raised because the seconds are over
-  double seconds() const { return seconds_; }
+  const std::atomic<bool>& flag() const { return raised_; }  ///< the flag, for solvers to watch
+  bool late() const { return late_; }                        ///< raised because the seconds are over
+  double seconds() const { return seconds_; }                ///< as they were given
 
  private:
   double seconds_;
@@ -51,6 +52,7 @@ class Deadline {
   std::jthread thread_;  ///< the last one: it works on the others
 };
 
+/// One of the runs of a study.
 struct StudySetting {
   Cells key;                ///< names it in the store
   std::string description;  ///< for people
@@ -76,6 +78,7 @@ struct Study {
   std::function<bool(size_t setting, const Cells& cells)> take;
 };
 
+/// What a study may take, and where it keeps its results.
 struct StudyOptions {
   double budget = 300;      ///< [s] for new runs
   std::string file;         ///< of the store

@@ -70,4 +70,14 @@ void add_threads(AddOption add, CommandOptions& options) {
   add("threads", po::value(&options.threads)->value_name("N"), "states solved at the same time; default: all cores");
 }
 
+po::options_description options_of(const Command& command, CommandOptions& options) {
+  po::options_description description("options");
+  AddOption add = description.add_options();
+  add("help,h", "this text");
+  add("json", po::bool_switch(&options.json), "print the result as JSON");
+  add("quiet,q", po::bool_switch(&options.quiet), "no progress on stderr");
+  if (command.add_options != nullptr) command.add_options(add, options);
+  return description;
+}
+
 }  // namespace taut

@@ -79,6 +79,9 @@ void add_out(AddOption add, CommandOptions& options,
 /// --threads, of commands that solve several states at the same time.
 void add_threads(AddOption add, CommandOptions& options);
 
+/// Its options, those that all commands have first; they store into `options`.
+boost::program_options::options_description options_of(const Command& command, CommandOptions& options);
+
 /// What `taut` knows, in the order in which its help lists them.
 const std::vector<Command>& all_commands();
 

@@ -1,7 +1,9 @@
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <sys/ioctl.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <boost/program_options.hpp>
 #include <cerrno>
 #include <csignal>
@@ -11,7 +13,9 @@
 #include <optional>
 #include <system_error>
 
+#include "experiments/cli/manual.hpp"
 #include "experiments/cli/provenance.hpp"
+#include "experiments/cli/topics.hpp"
 #include "sim/core/error.hpp"
 #include "sim/solve/cholesky.hpp"
 
@@ -31,19 +35,11 @@ void print_help(std::ostream& out) {
   for (const Command& command : all_commands()) out << command.examples.substr(0, command.examples.find('\n') + 1);
   out << "\ncommands:\n";
   for (const Command& command : all_commands()) out << fmt::format("  {:<8} {}\n", command.name, command.summary);
+  out << "\ntopics of `taut help TOPIC`:\n";
+  for (const Topic& topic : all_topics()) out << fmt::format("  {:<15} {}\n", topic.name, topic.about);
   out << "\n`taut COMMAND --help` tells a command's options. Data go to stdout, progress to stderr.\n"
          "exit codes: 0 done, 1 internal fault, 2 wrong usage or input, 3 a simulation failed, 4 the fit did not "
          "converge, 130 interrupted\n";
-}
-
-po::options_description options_of(const Command& command, CommandOptions& options) {
-  po::options_description description("options");
-  AddOption add = description.add_options();
-  add("help,h", "this text");
-  add("json", po::bool_switch(&options.json), "print the result as JSON");
-  add("quiet,q", po::bool_switch(&options.quiet), "no progress on stderr");
-  if (command.add_options != nullptr) command.add_options(add, options);
-  return description;
 }
 
 /// What the words after the command's name ask for; prints the help and returns nullopt where that is asked for.
@@ -77,10 +73,50 @@ std::optional<CommandOptions> parse(const Command& command, const std::vector<st
   return options;
 }
 
+/// Characters of a line on the terminal; of other outputs 80.
+size_t line_width() {
+  winsize size{};
+  const bool known = ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;
+  return known ? std::clamp<size_t>(size.ws_col, 40, 100) : 80;
+}
+
+/// What `taut help NAME` shows of a topic or command, or what the build makes of their tables (manual.hpp).
+void help_on(const std::string& name) {
+  std::vector<std::string> commands, topics;
+  for (const Command& command : all_commands()) {
+    if (command.name == name) return static_cast<void>(parse(command, {"--help"}));
+    commands.push_back(command.name);
+  }
+  for (const Topic& topic : all_topics()) {
+    if (topic.name == name) {
+      std::cout << as_text(blocks_of(topic), line_width());
+      return;
+    }
+    topics.push_back(topic.name);
+  }
+  using Made = std::pair<std::string_view, std::string (*)()>;
+  for (const auto& [kind, make] : {Made{"man", man_page}, {"bash", bash_completion}, {"zsh", zsh_completion}}) {
+    if (name == kind) {
+      std::cout << make();
+      return;
+    }
+  }
+  std::vector<std::string> all = topics;
+  all.insert(all.end(), commands.begin(), commands.end());
+  throw InputError(fmt::format("taut help: '{}' is no topic{}; topics: {}; commands: {}", name, did_you_mean(name, all),
+                               join(topics), join(commands)));
+}
+
 int run(const std::vector<std::string>& arguments) {
-  if (arguments.empty() || arguments[0] == "--help" || arguments[0] == "-h" || arguments[0] == "help") {
+  if (arguments.empty() || arguments[0] == "--help" || arguments[0] == "-h" ||
+      arguments == std::vector<std::string>{"help"}) {
     print_help(std::cout);
     return arguments.empty() ? exit_input : exit_ok;
+  }
+  if (arguments[0] == "help") {
+    if (arguments.size() > 2) throw InputError("taut help: one topic or command at a time");
+    help_on(arguments[1]);
+    return exit_ok;
   }
   if (arguments[0] == "--version") {
     std::cout << "taut " << version() << " (" << commit() << ")\n";

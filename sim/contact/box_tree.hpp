@@ -10,8 +10,8 @@ namespace taut {
 template <int D>
 class BoxTree {
  public:
-  using Place = Eigen::Matrix<double, D, 1>;
-  using Box = Eigen::AlignedBox<double, D>;
+  using Place = Eigen::Matrix<double, D, 1>;  ///< a point [m]
+  using Box = Eigen::AlignedBox<double, D>;   ///< along the axes
 
   BoxTree() = default;
   /// One leaf per place [m].

@@ -15,7 +15,7 @@ enum class ContactForm {
   penalty           ///< length-weighted, but a spring instead of the barrier, and nothing stops a step; for comparison
 };
 
-using GroundLine = Ground<2>;
+using GroundLine = Ground<2>;  ///< A straight line that bodies stay on one side of
 
 /// What may touch what, and by which numbers of the parameter table.
 struct ContactSettings : ContactSides<2> {

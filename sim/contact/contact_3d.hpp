@@ -6,7 +6,7 @@
 
 namespace taut {
 
-using GroundPlane = Ground<3>;
+using GroundPlane = Ground<3>;  ///< A plane that bodies stay on one side of
 
 /// What may touch what in space, and by which numbers of the parameter table.
 struct Contact3dSettings : ContactSides<3> {
@@ -19,6 +19,7 @@ std::vector<std::array<int, 3>> contact_triangles(const Mesh& mesh);
 
 /// Two features that may touch, closer than dhat.
 struct ContactPair3 {
+  /// Which features; see first and second.
   enum class Kind { point_triangle, edges, ground };
   Kind kind;
   /// Mesh node and triangle (into settings.triangles), two edges (numbers of the surface's own), or mesh node and

@@ -27,6 +27,7 @@ struct Barrier {
 
 /// Where a segment from a to b comes closest to a point p.
 struct Closest {
+  /// Inside of the segment, or at a or b.
   enum class Part { inside, first_end, second_end };
   double distance = 0;   ///< [m]
   double parameter = 0;  ///< 0 at a, 1 at b
@@ -41,9 +42,9 @@ Closest closest_on_segment(const Eigen::Vector2d& r, const Eigen::Vector2d& e);
 struct PointPointDistance {
   explicit PointPointDistance(const Eigen::Vector2d& r);  ///< r = x_a - x_b
 
-  double value;
+  double value;  ///< d [m]
   Eigen::Vector2d normal;
-  Eigen::Vector4d gradient() const;
+  Eigen::Vector4d gradient() const;  ///< (n, -n), no unit
   /// Hessian of f(d): second * grad d grad d^T + first * Hess d, where `first` = f'(d) and `second` = f''(d); projected
   /// means the nearest positive semi-definite matrix, in closed form.
   Eigen::Matrix4d hessian(double first, double second, Curvature curvature = Curvature::exact) const;
@@ -55,15 +56,15 @@ struct PointPointDistance {
 ///     T = (t, -(1-tau) t, -tau t),        E = (0, -n, n),
 /// in which nothing cancels. Valid for d > 0 and |e| > 0.
 struct PointLineDistance {
-  PointLineDistance(const Eigen::Vector2d& r, const Eigen::Vector2d& e);
+  PointLineDistance(const Eigen::Vector2d& r, const Eigen::Vector2d& e);  ///< `r` = p - a, `e` = b - a [m]
 
-  using Vector6 = Eigen::Matrix<double, 6, 1>;
-  using Matrix6 = Eigen::Matrix<double, 6, 6>;
-  double value;
-  double parameter;  ///< tau
-  double length;     ///< |e| [m]
+  using Vector6 = Eigen::Matrix<double, 6, 1>;  ///< over (p, a, b)
+  using Matrix6 = Eigen::Matrix<double, 6, 6>;  ///< over (p, a, b)
+  double value;                                 ///< d [m]
+  double parameter;                             ///< tau
+  double length;                                ///< |e| [m]
   Eigen::Vector2d normal, tangent;
-  Vector6 gradient() const;
+  Vector6 gradient() const;  ///< no unit
   /// As above; the projection is an eigenvalue problem in the three directions grad d, T and E.
   Matrix6 hessian(double first, double second, Curvature curvature = Curvature::exact) const;
 };
@@ -92,6 +93,6 @@ int orientation(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen:
 bool segments_meet(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen::Vector2d& c,
                    const Eigen::Vector2d& d);
 
-using Box = Eigen::AlignedBox2d;
+using Box = Eigen::AlignedBox2d;  ///< along the axes, of the plane [m]
 
 }  // namespace taut

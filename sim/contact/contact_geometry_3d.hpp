@@ -23,8 +23,8 @@ namespace taut {
 ///
 /// in which nothing cancels.
 struct FeatureDistance {
-  using Vector = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, 12, 1>;
-  using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 12, 12>;
+  using Vector = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, 12, 1>;                ///< over the vertices' coordinates
+  using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 12, 12>;  ///< over the vertices' coordinates
 
   /// Points p and a; r = p - a.
   static FeatureDistance point_point(const Eigen::Vector3d& r);
@@ -43,13 +43,14 @@ struct FeatureDistance {
   Eigen::Matrix<double, 4, 2> slopes = Eigen::Matrix<double, 4, 2>::Zero();    ///< c,j
   Eigen::Matrix<double, 3, 2> tangents = Eigen::Matrix<double, 3, 2>::Zero();  ///< t_j [m]
 
-  Vector gradient() const;
+  Vector gradient() const;  ///< c (x) n, no unit
   /// Hessian of f(d): second * grad d grad d^T + first * Hess d, where `first` = f'(d) and `second` = f''(d).
   Matrix hessian(double first, double second) const;
 };
 
 /// Where two features come closest.
 struct Closest3 {
+  /// Which parts of the features.
   enum class Part {
     vertices,     ///< a vertex of either feature: `first` and `second`
     vertex_edge,  ///< vertex `first` of the first feature, an edge or the whole of the second
@@ -85,11 +86,12 @@ struct Mollifier {
 /// A point and a triangle, or two segments, moving on straight lines, t from 0 to 1: positions and displacements
 /// relative to any common place.
 struct MovingPair3 {
+  /// Which features.
   enum class Kind { point_triangle, segments };
   Kind kind;
   std::array<Eigen::Vector3d, 4> x;   ///< (p, a, b, c) or (a, b, c, d) at t = 0 [m]
   std::array<Eigen::Vector3d, 4> dx;  ///< their changes until t = 1 [m]
-  Closest3 closest(double t) const;
+  Closest3 closest(double t) const;   ///< at time t
 };
 
 /// A t in [0, horizon] such that the distance is at least `keep` > 0 at every time up to t; `horizon` (<= 1) if that
@@ -106,6 +108,6 @@ int orientation(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Eigen:
 bool segment_meets_triangle(const Eigen::Vector3d& a, const Eigen::Vector3d& b,
                             const std::array<Eigen::Vector3d, 3>& triangle);
 
-using Box3 = Eigen::AlignedBox3d;
+using Box3 = Eigen::AlignedBox3d;  ///< along the axes, of space [m]
 
 }  // namespace taut

@@ -9,6 +9,7 @@ namespace taut {
 template <size_t capacity>
 class ExactSum {
  public:
+  /// The sum plus x.
   void add(double x) {
     double carried = x;
     for (size_t i = 0; i < size_; ++i) {
@@ -18,16 +19,19 @@ class ExactSum {
     }
     part_[size_++] = carried;
   }
+  /// The sum plus x y.
   void add_product(double x, double y) {
     const double product = x * y;
     add(std::fma(x, y, -product));
     add(product);
   }
+  /// The sum plus x y z.
   void add_product(double x, double y, double z) {
     const double product = x * y;
     add_product(std::fma(x, y, -product), z);
     add_product(product, z);
   }
+  /// -1, 0 or 1.
   int sign() const {
     for (size_t i = size_; i-- > 0;) {
       if (part_[i] != 0) return part_[i] > 0 ? 1 : -1;

@@ -41,7 +41,9 @@ inline int softest(const Params& p, std::span<const int> features, const std::ve
 struct IndexLists {
   std::vector<size_t> offsets{0};
   std::vector<int> items;
+  /// Those of feature i.
   std::span<const int> operator[](int i) const { return {items.data() + offsets[i], items.data() + offsets[i + 1]}; }
+  /// Puts these lists after what it has.
   void assign(const std::vector<std::vector<int>>& lists) {
     for (const std::vector<int>& list : lists) {
       items.insert(items.end(), list.begin(), list.end());
@@ -52,6 +54,7 @@ struct IndexLists {
 
 /// weight * kappa * b(distance) of a vertex and another vertex, an edge, a triangle or a ground, or of two edges.
 struct Interaction {
+  /// What meets a vertex; or two edges.
   enum class Kind { vertex, edge, triangle, edges, ground };
   Kind kind;
   int first, second;  ///< vertex and other feature, or edges
@@ -75,6 +78,7 @@ struct Local {
   Eigen::Matrix<double, Eigen::Dynamic, 1, 0, D * most, 1> gradient;
   Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor, D * most, D * most> hessian;
 
+  /// Begins anew, with zeros, on these vertices.
   void use(const std::vector<int>& mesh_nodes, std::initializer_list<int> vertices) {
     count = 0;
     for (int v : vertices) nodes[count++] = mesh_nodes[v];
@@ -86,6 +90,7 @@ template <class Closest>
 struct Near {
   int first, second;
   Closest closest;
+  /// By first, then second.
   bool operator<(const Near& other) const { return std::pair(first, second) < std::pair(other.first, other.second); }
 };
 
@@ -117,20 +122,22 @@ std::vector<std::array<int, N>> pieces_of_boundary(const Mesh& mesh, const std::
 template <int D, class Settings>
 struct ContactSurface {
   static constexpr int dimension = D;
-  using Place = Eigen::Matrix<double, D, 1>;
-  using Places = Eigen::Matrix<double, D, Eigen::Dynamic>;
-  using Box = Eigen::AlignedBox<double, D>;
+  using Place = Eigen::Matrix<double, D, 1>;                ///< a point [m]
+  using Places = Eigen::Matrix<double, D, Eigen::Dynamic>;  ///< a column per vertex [m]
+  using Box = Eigen::AlignedBox<double, D>;                 ///< along the axes
 
   /// Displacements of the vertices; relative positions without the digits that positions share.
   struct State {
     const ContactSurface& surface;
     Places u;
+    /// From vertex a to vertex b [m].
     Place from(int b, int a) const { return (surface.X.col(a) - surface.X.col(b)) + (u.col(a) - u.col(b)); }
+    /// Of vertex v over a ground [m].
     double height(int ground, int v) const {
       const auto& plane = surface.settings.grounds[ground];
       return (surface.X.col(v) - plane.point).dot(plane.normal) + u.col(v).dot(plane.normal);
     }
-    Places positions() const { return surface.X + u; }
+    Places positions() const { return surface.X + u; }  ///< x = X + u [m]
     /// By how much positions may be rounded [m].
     double rounding() const { return 1e-15 * (surface.X.cwiseAbs().maxCoeff() + u.cwiseAbs().maxCoeff()); }
   };
@@ -139,11 +146,11 @@ struct ContactSurface {
   std::vector<int> nodes;  ///< mesh node of each vertex that moves
   Places X;                ///< all vertices [m]
 
-  explicit ContactSurface(Settings given) : settings(std::move(given)) {}
+  explicit ContactSurface(Settings given) : settings(std::move(given)) {}  ///< without vertices yet
 
-  int vertices() const { return static_cast<int>(X.cols()); }
-  int moving() const { return static_cast<int>(nodes.size()); }
-  int ground_count() const { return static_cast<int>(settings.grounds.size()); }
+  int vertices() const { return static_cast<int>(X.cols()); }    ///< all of them
+  int moving() const { return static_cast<int>(nodes.size()); }  ///< those of the mesh, which come first
+  int ground_count() const { return static_cast<int>(settings.grounds.size()); }  ///< half-spaces
 
   /// The features of the mesh by vertices, which are made here. `what` names one in messages, "an edge".
   template <size_t N>
@@ -194,6 +201,7 @@ struct ContactSurface {
            });
   }
 
+  /// That of a vector of all unknowns.
   State state(const Eigen::VectorXd& all) const {
     State s{*this, Places::Zero(D, vertices())};
     for (int v = 0; v < moving(); ++v) s.u.col(v) = all.template segment<D>(D * nodes[v]);
@@ -217,12 +225,14 @@ struct ContactSurface {
   /// much wider see all of them.
   struct Sweep {
     Places x, y;
-    double margin;
+    double margin;  ///< [m]
+    /// Of a step `change` from `s`.
     Sweep(const State& s, const State& change)
         : x(s.positions()),
           y(x + change.u),
           margin(1e-15 * std::max(x.cwiseAbs().maxCoeff(), y.cwiseAbs().maxCoeff()) +
                  0.12 * change.u.colwise().norm().maxCoeff()) {}
+    /// Around the way of vertex v.
     Box operator()(int v) const {
       return Box(x.col(v).cwiseMin(y.col(v)).array() - margin, x.col(v).cwiseMax(y.col(v)).array() + margin);
     }

@@ -7,14 +7,15 @@ namespace taut {
 /// A number with its first and second derivatives with respect to N variables.
 template <int N>
 struct Jet {
-  using Gradient = Eigen::Matrix<double, N, 1>;
-  using Hessian = Eigen::Matrix<double, N, N>;
+  using Gradient = Eigen::Matrix<double, N, 1>;  ///< first derivatives
+  using Hessian = Eigen::Matrix<double, N, N>;   ///< second derivatives
   double v = 0;
   Gradient g = Gradient::Zero();
   Hessian H = Hessian::Zero();
 
   Jet() = default;
-  Jet(double value) : v(value) {}
+  Jet(double value) : v(value) {}  ///< a constant
+  /// The index-th of the variables.
   static Jet variable(double value, int index) {
     Jet x(value);
     x.g[index] = 1;
@@ -27,6 +28,8 @@ struct Jet {
     y.H = df * H + ddf * (g * g.transpose());
     return y;
   }
+  /// As for numbers, by the chain rule.
+  /// @{
   friend Jet operator+(const Jet& a, const Jet& b) {
     Jet c(a.v + b.v);
     c.g = a.g + b.g;
@@ -77,11 +80,14 @@ struct Jet {
   }
   friend Jet sin(const Jet& x) { return x.with(std::sin(x.v), std::cos(x.v), -std::sin(x.v)); }
   friend Jet cos(const Jet& x) { return x.with(std::cos(x.v), -std::sin(x.v), -std::cos(x.v)); }
+  /// @}
 };
 
+/// The number itself.
 double value_of(double x) {
   return x;
 }
+/// Without its derivatives.
 template <int N>
 double value_of(const Jet<N>& x) {
   return x.v;

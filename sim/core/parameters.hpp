@@ -32,10 +32,10 @@ class ParameterTable {
   int declare(ParameterSpec spec);
   /// Index of a parameter; throws InputError naming the nearest id when there is none.
   int index(std::string_view id) const;
-  bool contains(std::string_view id) const;
-  int size() const { return static_cast<int>(specs_.size()); }
-  const ParameterSpec& operator[](int index) const { return specs_[index]; }
-  std::vector<std::string> ids() const;
+  bool contains(std::string_view id) const;                                   ///< whether it was declared
+  int size() const { return static_cast<int>(specs_.size()); }                ///< number of parameters
+  const ParameterSpec& operator[](int index) const { return specs_[index]; }  ///< what was declared
+  std::vector<std::string> ids() const;                                       ///< in the order of the table
   /// Throws InputError naming parameter, value and bounds when `value` is not finite or outside its bounds.
   void check(int index, double value) const;
 

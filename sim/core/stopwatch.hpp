@@ -6,6 +6,7 @@ namespace taut {
 /// Wall time since it was made.
 class Stopwatch {
  public:
+  /// Since construction.
   double seconds() const { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count(); }
 
  private:

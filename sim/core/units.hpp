@@ -6,6 +6,7 @@
 
 namespace taut {
 
+/// What a unit is of.
 enum class Quantity {
   pure,
   length,
@@ -24,7 +25,7 @@ enum class Quantity {
   line_load
 };
 
-std::string_view name_of(Quantity quantity);
+std::string_view name_of(Quantity quantity);  ///< "line load"
 
 /// The units known for a quantity, SI first ("m", "mm", "um", ... for a length).
 std::vector<std::string> units_of(Quantity quantity);
@@ -57,9 +58,9 @@ std::string with_unit(double value_si, std::string_view si_unit, int digits = 4)
 /// The handy unit that with_unit() would choose for this value, and its SI factor.
 struct DisplayUnit {
   std::string name;
-  double factor;
+  double factor;  ///< SI value of one unit
 };
-DisplayUnit display_unit(double value_si, std::string_view si_unit);
+DisplayUnit display_unit(double value_si, std::string_view si_unit);  ///< see DisplayUnit
 
 /// "tip_load_N" to {"tip_load", "N"}: the unit is what follows the last underscore, if it is a unit of one of the
 /// `allowed` quantities. Otherwise throws InputError that names header, allowed units and an example; `where` starts
@@ -68,8 +69,9 @@ struct HeaderUnit {
   std::string name;
   std::string unit;
   Quantity quantity;
-  double factor;
+  double factor;  ///< SI value of one unit
 };
+/// See HeaderUnit.
 HeaderUnit parse_header(std::string_view header, const std::vector<Quantity>& allowed, std::string_view where);
 
 }  // namespace taut

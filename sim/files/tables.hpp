@@ -34,13 +34,14 @@ void read_damping(TableReader& root, Setup& setup);
 /// The key "mass".
 MassForm read_mass_form(TableReader& table);
 
+/// The ids of things that have one, in their order.
 template <class Container>
 std::vector<std::string> ids_of(const Container& items) {
   std::vector<std::string> ids;
   for (const auto& item : items) ids.push_back(item.id);
   return ids;
 }
-std::vector<std::string> body_names(const Setup& setup);
+std::vector<std::string> body_names(const Setup& setup);  ///< in their order
 /// Throws InputError when `id` is not one of `ids`; `what` says what they are.
 void check_id(const TableReader& table, std::string_view key, const std::string& id,
               const std::vector<std::string>& ids, std::string_view what);

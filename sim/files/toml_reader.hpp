@@ -18,8 +18,8 @@ class TomlFile {
   /// Throws InputError naming the path, and the line of what is not TOML.
   explicit TomlFile(const std::string& path);
   ~TomlFile();
-  TableReader root() const;
-  bool has(std::string_view key) const;
+  TableReader root() const;              ///< the top of the file
+  bool has(std::string_view key) const;  ///< at the top
   /// The text at `key` of the table called `table`; "" when there is none. For asking what kind of file it is.
   std::string text_at(std::string_view table, std::string_view key) const;
 
@@ -33,9 +33,9 @@ class TomlFile {
 /// "file:line: [table] key: what is wrong, what is allowed".
 class TableReader {
  public:
-  bool has(std::string_view key);
-  std::string text(std::string_view key);  ///< required
-  std::string text(std::string_view key, std::string fallback);
+  bool has(std::string_view key);                                ///< the table has this key
+  std::string text(std::string_view key);                        ///< required
+  std::string text(std::string_view key, std::string fallback);  ///< with a default
   /// A text that must be one of `allowed`; the first is the fallback.
   std::string choice(std::string_view key, const std::vector<std::string>& allowed);
   /// The same where each text stands for a value.
@@ -48,22 +48,23 @@ class TableReader {
     while (names[k] != chosen) ++k;
     return allowed[k].second;
   }
-  double number(std::string_view key);  ///< required
-  int integer(std::string_view key, int fallback, int smallest);
-  bool boolean(std::string_view key, bool fallback);
+  double number(std::string_view key);                            ///< required
+  int integer(std::string_view key, int fallback, int smallest);  ///< at least `smallest`
+  bool boolean(std::string_view key, bool fallback);              ///< true or false
   /// "30 mm" as 0.030; a plain number only where the quantity is pure.
   double quantity(std::string_view key, Quantity quantity);
   /// A number or a text with a unit, as it stands: for values whose quantity is only known later.
   std::optional<GivenValue> optional_given(std::string_view key);
-  std::optional<double> optional_quantity(std::string_view key, Quantity quantity);
+  std::optional<double> optional_quantity(std::string_view key, Quantity quantity);  ///< nothing when it is not there
   /// The same of what has to be larger than zero; `what` says what it is.
   double positive(std::string_view key, Quantity quantity, std::string_view what);
+  /// Nothing when it is not there.
   std::optional<double> optional_positive(std::string_view key, Quantity quantity, std::string_view what);
   /// ["100 mm", "30 mm"]; `count` entries unless it is 0.
   std::vector<double> quantities(std::string_view key, Quantity quantity, size_t count);
   std::vector<double> numbers(std::string_view key, size_t count);  ///< [0, 0, -1]
   std::vector<std::string> texts(std::string_view key);             ///< required, at least one
-  std::vector<std::string> texts_or_none(std::string_view key);
+  std::vector<std::string> texts_or_none(std::string_view key);     ///< none when it is not there
   /// A sub-table; required.
   TableReader table(std::string_view key);
   /// A sub-table or an empty one.
@@ -78,7 +79,7 @@ class TableReader {
   void finish();
   /// An InputError at `key` (or at the table when it is empty), to be thrown by the caller for its own checks.
   [[noreturn]] void fail(std::string_view key, const std::string& what) const;
-  std::string where(std::string_view key) const;
+  std::string where(std::string_view key) const;  ///< "file:line: [table] key", as messages begin
 
  private:
   friend class TomlFile;

@@ -21,6 +21,7 @@ template <class T = double>
 struct NeoHookean {
   static constexpr std::string_view id = "neo_hookean";
   static constexpr std::string_view summary = "compressible neo-Hookean solid (Eq. 3 of the push-puppet paper)";
+  /// Its constants with their bounds.
   static std::array<ParameterSpec, 2> parameters() {
     return {
         {{"E", "E", "Pa", 1.0, 1e13, "Young's modulus", true}, {"nu", "nu", "1", -0.95, 0.4999999, "Poisson's ratio"}}};
@@ -30,7 +31,7 @@ struct NeoHookean {
   T lambda{0};  ///< Lame's first parameter [Pa]
 
   NeoHookean() = default;
-  NeoHookean(const T& mu_, const T& lambda_) : mu(mu_), lambda(lambda_) {}
+  NeoHookean(const T& mu_, const T& lambda_) : mu(mu_), lambda(lambda_) {}  ///< from mu and lambda [Pa]
   /// From {E [Pa], nu}.
   explicit NeoHookean(const std::array<T, 2>& theta) {
     const auto& [E, nu] = theta;
@@ -49,8 +50,8 @@ struct NeoHookean {
   /// The volumetric part lambda/2 (ln J)^2 can be averaged over patches of elements (locking-free formulation): its
   /// modulus, and the material without it.
   static constexpr bool splits_volume = true;
-  T volumetric_modulus() const { return lambda; }
-  NeoHookean without_volume() const { return {mu, T(0.0)}; }
+  T volumetric_modulus() const { return lambda; }             ///< [Pa]
+  NeoHookean without_volume() const { return {mu, T(0.0)}; }  ///< mu alone
 
   /// Psi [J/m^3], +inf for J <= 0.
   template <int D>

@@ -35,6 +35,7 @@ template <class T, int D>
 struct PrincipalAxes {
   Tensor<T, D> diagonal, vectors;
 
+  /// Of a symmetric A.
   explicit PrincipalAxes(const Tensor<T, D>& A) : diagonal(A), vectors(Tensor<T, D>::Identity()) {
     using std::abs;
     using std::hypot;
@@ -98,6 +99,7 @@ template <class T = double>
 struct OgdenHill {
   static constexpr std::string_view id = "ogden_hill";
   static constexpr std::string_view summary = "one-term Ogden-Hill (hyperfoam) solid for foams";
+  /// Its constants with their bounds.
   static std::array<ParameterSpec, 3> parameters() {
     return {{{"E", "E", "Pa", 1.0, 1e13, "Young's modulus", true},
              {"nu", "nu", "1", 0.0, 0.4, "Poisson's ratio"},

@@ -29,6 +29,7 @@ struct PlaneStress {
     return strain;
   }
 
+  /// Psi per rest volume [J/m^3]; +inf where the free thickness is not found.
   template <int D>
   double energy(const Tensor<double, D>& H) const {
     static_assert(D == 2);
@@ -36,11 +37,13 @@ struct PlaneStress {
     return std::isnan(strain) ? std::numeric_limits<double>::infinity() : solid.energy(embed(H, strain));
   }
 
+  /// P = dPsi/dH in the plane [Pa].
   template <int D>
   Tensor<double, 2> stress(const Tensor<double, D>& H) const {
     return solid.stress(embed(H, thickness_strain(H))).template topLeftCorner<2, 2>();
   }
 
+  /// dP/dH in the plane [Pa], the thickness following.
   template <int D>
   Tangent<double, 2> tangent(const Tensor<double, D>& H) const {
     const Tangent<double, 3> full = solid.tangent(embed(H, thickness_strain(H)));

@@ -4,6 +4,7 @@
 
 namespace taut {
 
+/// Second-order tensor, T its numbers.
 template <class T, int D>
 using Tensor = Eigen::Matrix<T, D, D>;
 /// Fourth-order tensor as a matrix over vec(F), column-major: index of F_iJ is i + D * J.

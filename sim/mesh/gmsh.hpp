@@ -13,15 +13,15 @@ bool has_gmsh();
 /// tag name (empty: untagged). Polygons may share edges, which are then meshed conformingly: regions are bonded there.
 struct PolygonRegion {
   std::string region;
-  std::vector<std::array<double, 2>> vertices;
-  std::vector<std::string> edge_tags;  ///< empty, or one per edge
+  std::vector<std::array<double, 2>> vertices;  ///< [m]
+  std::vector<std::string> edge_tags;           ///< empty, or one per edge
 };
 
 /// An axis-aligned box [m] that is one region of a 3D domain; touching boxes are meshed conformingly.
 struct BoxRegion {
   std::string region;
-  std::array<double, 3> lower;
-  std::array<double, 3> upper;
+  std::array<double, 3> lower;  ///< [m]
+  std::array<double, 3> upper;  ///< [m]
 };
 
 /// Meshes polygons with triangles of about `size` [m]; polygon edges shorter than that keep their length, so an outline

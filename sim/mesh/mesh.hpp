@@ -14,16 +14,19 @@ namespace taut {
 /// tet10: 4 = mid(0,1), 5 = mid(1,2), 6 = mid(0,2), 7 = mid(0,3), 8 = mid(1,3), 9 = mid(2,3).
 enum class ElementShape { tri3, tri6, tet4, tet10 };
 
+/// Of space: 2 or 3.
 constexpr int dimension_of(ElementShape s) {
   return s == ElementShape::tri3 || s == ElementShape::tri6 ? 2 : 3;
 }
+/// Of the polynomials: 1 or 2.
 constexpr int order_of(ElementShape s) {
   return s == ElementShape::tri3 || s == ElementShape::tet4 ? 1 : 2;
 }
+/// Nodes of an element.
 constexpr int nodes_of(ElementShape s) {
   return s == ElementShape::tri3 ? 3 : s == ElementShape::tri6 ? 6 : s == ElementShape::tet4 ? 4 : 10;
 }
-std::string_view name_of(ElementShape s);
+std::string_view name_of(ElementShape s);  ///< "tet10"
 
 /// A named part of the mesh: points (dimension 0), line segments (1) or triangles (2), each of the mesh's own order
 /// (a quadratic mesh has 3-node segments and 6-node triangles, vertices first).
@@ -31,7 +34,8 @@ struct Tag {
   int dimension = 0;
   int nodes_per_entity = 1;
   std::vector<int> entities;  ///< node numbers, nodes_per_entity per entity
-  int count() const { return static_cast<int>(entities.size()) / nodes_per_entity; }
+  int count() const { return static_cast<int>(entities.size()) / nodes_per_entity; }  ///< number of entities
+  /// Nodes of entity i.
   const int* entity(int i) const { return entities.data() + static_cast<size_t>(i) * nodes_per_entity; }
   std::vector<int> nodes() const;  ///< sorted, unique
   /// The entities all of whose nodes satisfy `holds`.
@@ -56,12 +60,13 @@ struct Mesh {
   std::map<std::string, Tag> tags;
   std::vector<Part> parts;  ///< empty: the mesh is one piece
 
-  int dimension() const { return dimension_of(shape); }
-  int nodes_per_element() const { return nodes_of(shape); }
-  int node_count() const { return static_cast<int>(X.size()) / dimension(); }
-  int element_count() const { return static_cast<int>(elements.size()) / nodes_per_element(); }
+  int dimension() const { return dimension_of(shape); }                                          ///< 2 or 3
+  int nodes_per_element() const { return nodes_of(shape); }                                      ///< 3 to 10
+  int node_count() const { return static_cast<int>(X.size()) / dimension(); }                    ///< of all parts
+  int element_count() const { return static_cast<int>(elements.size()) / nodes_per_element(); }  ///< of all parts
+  /// Nodes of element e.
   const int* element(int e) const { return elements.data() + static_cast<size_t>(e) * nodes_per_element(); }
-  Eigen::VectorXd node(int i) const { return X.segment(i * dimension(), dimension()); }
+  Eigen::VectorXd node(int i) const { return X.segment(i * dimension(), dimension()); }  ///< rest position [m]
   Eigen::VectorXd centroid(int e) const;  ///< mean of the element's vertices [m]
   /// Diagonal of the bounding box [m].
   double diagonal() const;
@@ -94,9 +99,9 @@ Mesh to_quadratic(const Mesh& linear);
 /// and the nearest node.
 struct MaterialPoint {
   std::vector<int> nodes;
-  std::vector<double> weights;
+  std::vector<double> weights;  ///< of the nodes; their sum is 1
 };
-MaterialPoint locate(const Mesh& mesh, const Eigen::VectorXd& point);
+MaterialPoint locate(const Mesh& mesh, const Eigen::VectorXd& point);  ///< see MaterialPoint
 /// The same within one part, which others may overlap (brackets of a joint lie beside each other).
 MaterialPoint locate(const Mesh& mesh, const Eigen::VectorXd& point, const Part& part);
 

@@ -20,9 +20,10 @@ template <ElementShape S>
 struct ReferenceElement {
   static constexpr int D = dimension_of(S);
   static constexpr int N = nodes_of(S);
-  using Xi = Eigen::Matrix<double, D, 1>;
+  using Xi = Eigen::Matrix<double, D, 1>;  ///< natural coordinates
   static constexpr std::array<std::array<int, 2>, 6> edges{{{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}}};
 
+  /// L, see above.
   static std::array<double, D + 1> barycentric(const Xi& xi) {
     std::array<double, D + 1> L;
     L[0] = 1.0 - xi.sum();
@@ -30,6 +31,7 @@ struct ReferenceElement {
     return L;
   }
 
+  /// N_a at xi; their sum is 1.
   static Eigen::Matrix<double, N, 1> values(const Xi& xi) {
     const auto L = barycentric(xi);
     Eigen::Matrix<double, N, 1> n;

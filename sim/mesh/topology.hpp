@@ -18,7 +18,7 @@ struct ReferenceFacets {
   int nodes_per_facet;
   std::span<const int> nodes;
 };
-ReferenceFacets facets_of(ElementShape shape);
+ReferenceFacets facets_of(ElementShape shape);  ///< see ReferenceFacets
 
 /// Nodes of a segment (dimension 1) or triangle (2) of the given order; 1 for a point.
 int nodes_per_entity(int dimension, int order);

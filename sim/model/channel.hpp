@@ -11,7 +11,7 @@ namespace taut {
 class Channel {
  public:
   virtual ~Channel() = default;
-  virtual double value(const Point& at) const = 0;
+  virtual double value(const Point& at) const = 0;  ///< y, SI
   /// dy/du, all unknowns.
   virtual Eigen::VectorXd gradient(const Point& at) const = 0;
   /// dy/dp_index at fixed u; displacements have none.

@@ -19,9 +19,9 @@ struct Support {
 /// A connected piece of one material, and the table index of its Young's modulus.
 struct Body {
   std::vector<int> nodes;
-  int modulus = -1;        ///< -1: rigid, see SceneBuilder::add_rigid
-  bool supported = false;  ///< a support prescribes some of its displacements
-  bool rigid() const { return modulus < 0; }
+  int modulus = -1;                           ///< -1: rigid, see SceneBuilder::add_rigid
+  bool supported = false;                     ///< a support prescribes some of its displacements
+  bool rigid() const { return modulus < 0; }  ///< see modulus
 };
 
 /// Sparsity pattern of the Hessian on the free unknowns: lower triangle, compressed columns, rows ascending.
@@ -29,7 +29,7 @@ struct SparsePattern {
   int size = 0;
   std::vector<int> columns;  ///< size + 1 offsets
   std::vector<int> rows;
-  int entries() const { return columns.empty() ? 0 : columns.back(); }
+  int entries() const { return columns.empty() ? 0 : columns.back(); }  ///< entries of the lower triangle
   /// Where an entry is stored; -1: nowhere.
   int slot(int row, int column) const {
     const auto begin = rows.begin() + columns[column], end = rows.begin() + columns[column + 1];
@@ -58,16 +58,17 @@ struct SparsePattern {
 /// threads may evaluate it at once.
 class Model {
  public:
+  /// Throws std::logic_error when a displacement component is prescribed twice.
   Model(Mesh mesh, ParameterTable parameters, std::vector<std::unique_ptr<Term>> terms, std::vector<Support> supports,
         std::vector<Body> bodies = {});
 
-  const Mesh& mesh() const { return mesh_; }
-  const ParameterTable& parameters() const { return parameters_; }
+  const Mesh& mesh() const { return mesh_; }                         ///< at rest
+  const ParameterTable& parameters() const { return parameters_; }   ///< all numbers that it depends on
   int unknowns() const { return static_cast<int>(mesh_.X.size()); }  ///< all displacement components
-  int free_unknowns() const { return pattern_.size; }
-  const SparsePattern& pattern() const { return pattern_; }
-  double length_scale() const { return length_scale_; }  ///< diagonal of the bounding box [m]
-  const std::vector<Body>& bodies() const { return bodies_; }
+  int free_unknowns() const { return pattern_.size; }                ///< without the supported ones
+  const SparsePattern& pattern() const { return pattern_; }          ///< of the Hessian, without couplings by contact
+  double length_scale() const { return length_scale_; }              ///< diagonal of the bounding box [m]
+  const std::vector<Body>& bodies() const { return bodies_; }        ///< see Body; empty: none are told apart
   /// Index of an unknown among the free ones, -1 when it is supported.
   int free_index(int unknown) const { return free_index_[unknown]; }
 
@@ -91,7 +92,7 @@ class Model {
   bool support_moves(const Params& a, const Params& b) const;
   /// Derivative of the supported components with respect to p[index], zero elsewhere; all unknowns.
   Eigen::VectorXd support_derivative(int index) const;
-  Eigen::VectorXd restrict_to_free(const Eigen::VectorXd& all) const;
+  Eigen::VectorXd restrict_to_free(const Eigen::VectorXd& all) const;  ///< entries of free unknowns, in their order
   /// Free entries into a vector of all unknowns, zero at the supports.
   Eigen::VectorXd extend_from_free(const Eigen::VectorXd& free) const;
 

@@ -11,7 +11,8 @@ struct NodeSet {
   std::vector<int> nodes;  ///< all different
   int dimension = 0;
 
-  int count() const { return static_cast<int>(nodes.size()); }
+  int count() const { return static_cast<int>(nodes.size()); }  ///< number of nodes
+  /// All of its nodes coupled with each other.
   Cliques cliques() const {
     Cliques list;
     list.add(nodes);

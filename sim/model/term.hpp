@@ -13,9 +13,10 @@ namespace taut {
 struct Cliques {
   std::vector<int> offsets{0};
   std::vector<int> nodes;
-  int count() const { return static_cast<int>(offsets.size()) - 1; }
-  int size(int clique) const { return offsets[clique + 1] - offsets[clique]; }
-  const int* begin(int clique) const { return nodes.data() + offsets[clique]; }
+  int count() const { return static_cast<int>(offsets.size()) - 1; }             ///< number of cliques
+  int size(int clique) const { return offsets[clique + 1] - offsets[clique]; }   ///< nodes of one
+  const int* begin(int clique) const { return nodes.data() + offsets[clique]; }  ///< its first node
+  /// One more clique.
   template <class Range>
   void add(const Range& range) {
     nodes.insert(nodes.end(), std::begin(range), std::end(range));
@@ -53,7 +54,7 @@ enum class History { reference, previous, before };
 /// Where an energy is evaluated: displacements u = x - X [m] of all nodes, stacked node by node, and all parameters;
 /// within a time step, that step. In statics there is none, and inertia and damping contribute nothing.
 struct Point {
-  const Eigen::VectorXd& u;
+  const Eigen::VectorXd& u;  ///< [m], all unknowns
   const Params& p;
   const TimeStep* step = nullptr;
 };
@@ -71,8 +72,10 @@ class Assembly {
   Eigen::VectorXd* product = nullptr;
   Curvature curvature = Curvature::exact;
 
+  /// As a matrix, or times a direction.
   bool wants_hessian() const { return hessian != nullptr || product != nullptr; }
 
+  /// And to the magnitude.
   void add_energy(double value) {
     energy += value;
     magnitude += std::abs(value);

@@ -11,7 +11,9 @@ namespace taut {
 ///   sine    value + amplitude (sin(2 pi frequency t + phase) - sin(phase)), t from the piece's beginning
 class ControlSchedule {
  public:
+  /// As listed for the class.
   enum class Kind { hold, linear, smooth, sine };
+  /// A part of the schedule; begins where the one before ends.
   struct Piece {
     Kind kind = Kind::hold;
     double until = 0;      ///< end [s]
@@ -21,7 +23,7 @@ class ControlSchedule {
     double phase = 0;      ///< [rad]
   };
 
-  explicit ControlSchedule(double start = 0) : start_(start) {}
+  explicit ControlSchedule(double start = 0) : start_(start) {}  ///< the value before the first piece, SI
   /// Throws InputError unless each piece ends after the one before, and all numbers are finite.
   void add(const Piece& piece);
   /// Value at time t >= 0; after the last piece its end value.

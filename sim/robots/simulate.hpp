@@ -48,9 +48,10 @@ struct SimulationSensitivities {
     double time = 0;
   };
   std::optional<Goal> goal;
-  bool any() const { return all_readings || goal; }
+  bool any() const { return all_readings || goal; }  ///< something is asked for
 };
 
+/// Who may end a simulation, who is told, and which derivatives are wanted.
 struct SimulateOptions {
   const std::atomic<bool>* stop = nullptr;
   std::function<void(double t, const SimulationResult& so_far)> progress;

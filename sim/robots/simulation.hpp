@@ -10,6 +10,7 @@
 
 namespace taut {
 
+/// [[plot]]: channels and controls over one of them.
 struct RobotPlot {
   std::string id, title, x;
   std::vector<std::string> y;
@@ -20,6 +21,7 @@ struct WorkspaceMode {
   std::string name;
   std::map<std::string, std::pair<double, double>> ranges;  ///< control id to its range, SI; others stay at the start's
 };
+/// [workspace].
 struct WorkspaceSettings {
   std::string x, y;  ///< channels
   int samples = 0;   ///< per mode
@@ -32,6 +34,7 @@ struct IkRange {
   double lower = 0, upper = 0;  ///< SI
   double nominal = 0;           ///< SI: where it stays when the targets leave a choice
 };
+/// [[ik.target]] or [[ik.path]].
 struct IkTarget {
   std::string name;
   std::map<std::string, std::vector<double>> values;  ///< channel id to value, SI; a path has several, as many for each
@@ -39,12 +42,14 @@ struct IkTarget {
   double stiffness = 0;                               ///< [N/m]
   std::map<std::string, double> hold;                 ///< controls held at a value during this target, SI
 };
+/// [ik].
 struct IkSettings {
   std::vector<IkRange> controls;
   std::vector<IkTarget> targets;
   double tolerance = 1e-4;  ///< [m]
 };
 
+/// How a simulation goes from state to state; the last three are SUNDIALS'.
 enum class SimulationMethod { quasi_static, implicit_euler, bdf2, cvode, arkode_implicit, arkode_explicit };
 
 /// A simulation as its TOML file describes it: a setup, how its controls move, and what is run and shown. SI inside.

@@ -15,9 +15,9 @@ namespace taut {
 
 /// A control that the search may change: a cable's retraction, a joint's angle; SI.
 struct IkControl {
-  int index = 0;  ///< in the model's table
-  double lower = 0, upper = 0;
-  double nominal = 0;       ///< where it stays when the targets leave a choice
+  int index = 0;                ///< in the model's table
+  double lower = 0, upper = 0;  ///< SI
+  double nominal = 0;           ///< where it stays when the targets leave a choice
   double largest_step = 0;  ///< largest change in one equilibrium solve; 0: 30 degrees for angles, no limit for others
 };
 
@@ -28,6 +28,7 @@ struct IkChannel {
   double weight = 1;  ///< of its error, where not all targets can be met
 };
 
+/// How targets are searched for.
 struct IkOptions {
   double tolerance = 1e-4;              ///< [m] of the error at which targets count as reached
   double stiffness_tolerance = 0.01;    ///< relative
@@ -40,13 +41,15 @@ struct IkOptions {
   EquilibriumOptions equilibrium;
 };
 
+/// What a search came to.
 enum class IkStatus {
   reached,
   unreachable,  ///< no controls within bounds were found that reach the targets; the result is the nearest point found
   failed        ///< no equilibrium was found at the start, or the search did not end
 };
-std::string_view name_of(IkStatus status);
+std::string_view name_of(IkStatus status);  ///< "reached"
 
+/// What a search found.
 struct IkResult {
   IkStatus status = IkStatus::failed;
   std::string message;                 ///< one sentence

@@ -45,6 +45,7 @@ BuiltScene build_scene(const Setup& setup, const SceneOptions& options);
 /// Wrong input in a file, whose path stands before the reason.
 class FileError : public InputError {
  public:
+  /// `why` begins after the path.
   FileError(const std::string& path, std::string why) : InputError(path + ": " + why), reason(std::move(why)) {}
   std::string reason;
 };

@@ -32,11 +32,11 @@ struct ChannelParts {
   bool rigid_segments;               ///< stiff regions move as rigid bodies
   SceneReading& reading;
 
-  const Mesh& mesh() const { return model.mesh(); }
-  Tag tag() const { return mesh().select(channel.on); }
-  const Cable& cable() const { return named(setup.cables.cables, cables); }
-  const Joint& joint() const { return named(setup.joints, joints); }
-  Eigen::VectorXd direction() const { return vector_of(channel.direction); }
+  const Mesh& mesh() const { return model.mesh(); }                           ///< of the model
+  Tag tag() const { return mesh().select(channel.on); }                       ///< that it is on
+  const Cable& cable() const { return named(setup.cables.cables, cables); }   ///< that it is on
+  const Joint& joint() const { return named(setup.joints, joints); }          ///< that it is on
+  Eigen::VectorXd direction() const { return vector_of(channel.direction); }  ///< that it is along
 
  private:
   template <class Settings, class Made>
@@ -52,7 +52,9 @@ struct ChannelParts {
 struct ChannelKind {
   /// place: a tag's mean, a body's centre of mass, a material point or a marker. model: all of it.
   enum class On { place, tag, cable, joint, body, model };
+  /// Whether it has a direction: never, in space only, always.
   enum class Directed { no, in_space, always };
+  /// In which states it is known: all, equilibria, ends of time steps.
   enum class Known { always, at_rest, in_steps };
 
   std::string_view name;     ///< as in files

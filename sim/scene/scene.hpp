@@ -30,8 +30,8 @@ class SceneBuilder {
   /// `thickness` [m] counts in 2D only.
   SceneBuilder(Mesh mesh, Plane plane = Plane::strain, double thickness = 1.0);
 
-  const Mesh& mesh() const { return mesh_; }
-  const ParameterTable& parameters() const { return parameters_; }
+  const Mesh& mesh() const { return mesh_; }                        ///< as it was given
+  const ParameterTable& parameters() const { return parameters_; }  ///< declared so far
 
   /// Declares a parameter or a control (a load, a prescribed displacement) and returns its index.
   int declare(ParameterSpec spec, double value);

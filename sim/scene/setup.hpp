@@ -27,10 +27,11 @@ struct BodySettings {
   std::vector<std::pair<std::string, std::vector<int>>> fixed;  ///< tags of the body and their clamped components
 };
 
+/// [materials.REGION].
 struct MaterialSettings {
   std::string region, law;
   std::map<std::string, double> constants;  ///< SI
-  std::optional<double> density;
+  std::optional<double> density;            ///< [kg/m3]
 };
 
 /// What is set from outside: a load, a retraction, a prescribed displacement, the angle of a motor. It becomes a
@@ -40,6 +41,7 @@ struct ControlSettings {
   Quantity quantity = Quantity::length;
 };
 
+/// [[support]]: a clamp, a prescribed displacement or a clamp that gives way.
 struct SupportSettings {
   std::string on;
   std::vector<int> fix;                      ///< components
@@ -55,6 +57,7 @@ struct CableLaw {
   double slack = 0, smoothing = 2e-6;  ///< [m]
 };
 
+/// A cable: its points, ends and law.
 struct CableSettings {
   std::string id, body;                        ///< the body whose material it passes, "" in a setup of one
   std::string path;                            ///< one of those that the body's geometry brings along, or
@@ -83,6 +86,7 @@ struct JointSettings {
   std::string control;       ///< id of the control that is the angle; "": none
 };
 
+/// [[load]]: a dead force, a mass, a traction or a line load.
 struct LoadSettings {
   std::string id;
   std::string on;             ///< tag, or
@@ -109,7 +113,7 @@ struct SurfaceSettings {
   std::map<std::string, double> pressure;  ///< region to barrier stiffness [Pa]; missing: from materials and loads
   std::optional<double> stiffness;         ///< pair sums only [N/m]
   bool compensate = true;  ///< take the distance at which closed lips rest off their faces (push_puppet)
-  std::vector<std::vector<Eigen::Vector2d>> obstacles;
+  std::vector<std::vector<Eigen::Vector2d>> obstacles;  ///< points of each line [m]
   std::vector<GroundSettings> grounds;
 };
 
@@ -134,8 +138,8 @@ struct Setup {
   std::vector<MaterialSettings> materials;
   MassForm mass = MassForm::consistent;                           ///< over time
   std::map<std::string, double> mass_damping, stiffness_damping;  ///< region to alpha [1/s], beta [s]; over time
-  double gravity = 9.81;
-  std::vector<double> gravity_direction;  ///< empty: no self-weight
+  double gravity = 9.81;                                          ///< [m/s2]
+  std::vector<double> gravity_direction;                          ///< empty: no self-weight
   std::vector<ControlSettings> controls;
   std::vector<SupportSettings> supports;
   std::vector<LoadSettings> loads;
@@ -148,6 +152,7 @@ struct Setup {
   double share() const { return bodies.front().mesh.depth_cells > 0 ? 0.5 : 1.0; }
 };
 
+/// As Eigen has it.
 inline Eigen::VectorXd vector_of(const std::vector<double>& values) {
   return Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
 }

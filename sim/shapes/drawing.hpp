@@ -9,6 +9,7 @@ namespace taut {
 
 /// A length with its extension lines, shown on one side of a body. [m]
 struct DimensionLine {
+  /// Of the body.
   enum Side { below, above, left, right } side;
   double from, to;  ///< along the side
   double body;      ///< across it: where the extension lines begin
@@ -25,6 +26,7 @@ struct InnerLine {
 
 /// What the drawing of a plane specimen shows beside its outline, in the frame of its mesh. [m]
 struct ShapeDrawing {
+  /// An enlarged part: what lies between `lower` and `upper`.
   struct Detail {
     std::string title;
     Eigen::Vector2d lower, upper;

@@ -7,13 +7,14 @@
 
 namespace taut {
 
+/// [geometry]: a shape, and what all plane ones have.
 struct GeometrySettings {
   std::shared_ptr<const Shape> shape;  ///< none: nothing is meshed
   double thickness = 1;                ///< 2D [m]
   Plane plane = Plane::strain;
   int dimension = 3;  ///< of the model: a plane shape may be swept to a solid
 
-  std::string kind() const { return shape ? shape->kind() : ""; }
+  std::string kind() const { return shape ? shape->kind() : ""; }  ///< "push_puppet", "" without a shape
   /// The shape of a kind that is known; std::bad_cast for another one.
   template <class Kind>
   const Kind& as() const {

@@ -10,13 +10,15 @@ struct Block : ShapeOf<Own, D> {
   std::vector<double> origin = std::vector(D, 0.0);  ///< its lower corner [m]
   std::string region;
 
+  /// See Shape::keys().
   std::vector<ShapeKey> keys() override {
     return {{"size", &size, Allowed::positive(), "lengths along the axes", Quantity::length, true},
             {"origin", &origin, Allowed::any(), "corner with the lowest coordinates"},
             {"region", &region, Allowed::any(), "name of its material", Quantity::pure, true}};
   }
+  /// See Shape::mesh_keys().
   std::vector<MeshKey> mesh_keys() const override { return {{MeshKey::cells, "cells", "cells along each axis"}}; }
-  std::vector<double> extent() const override { return size; }
+  std::vector<double> extent() const override { return size; }  ///< see Shape::extent()
 };
 
 /// In space. Tags xmin ... zmax.

@@ -44,7 +44,7 @@ struct PushPuppet final : ShapeOf<PushPuppet, 2> {
 
 /// What follows from a module's numbers; heights are those of the upper side. [m]
 struct PushPuppetLayout {
-  explicit PushPuppetLayout(const PushPuppet& module);
+  explicit PushPuppetLayout(const PushPuppet& module);  ///< of a module that was checked
 
   double gap;           ///< between the two lips of a cell at rest
   double lip_length;    ///< from the web to the end face

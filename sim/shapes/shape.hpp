@@ -36,6 +36,7 @@ double contact_gap(const MeshSettings& settings, double diagonal);
 
 /// What a key of [mesh] stands for.
 struct MeshKey {
+  /// Cells along the axes, an element size, a number of elements.
   enum Kind { cells, size, count } kind;
   std::string_view key, meaning;
   int fallback = 1;  ///< of a count
@@ -44,21 +45,25 @@ struct MeshKey {
 /// Values that a dimension may have.
 struct Allowed {
   double least = -INFINITY, most = INFINITY;
-  bool open = false;  ///< without `least` itself
-  static constexpr Allowed any() { return {}; }
-  static constexpr Allowed positive() { return {0, INFINITY, true}; }
-  static constexpr Allowed zero_or_more() { return {0, INFINITY}; }
+  bool open = false;                                                   ///< without `least` itself
+  static constexpr Allowed any() { return {}; }                        ///< any finite number
+  static constexpr Allowed positive() { return {0, INFINITY, true}; }  ///< above zero
+  static constexpr Allowed zero_or_more() { return {0, INFINITY}; }    ///< zero too
+  /// From `least` on, `most` included.
   static constexpr Allowed at_least(int least, int most = INT_MAX) {
     return {static_cast<double>(least), static_cast<double>(most)};
   }
+  /// Whether a value is one of them.
   bool holds(double value) const {
     return std::isfinite(value) && (open ? value > least : value >= least) && value <= most;
   }
 };
 
+/// A path as a value of a key.
 struct InputFile {
   std::string path;  ///< in a file of settings: beside that file
 };
+/// A unit of length as a value of a key.
 struct LengthUnit {
   double metres = 1;
 };
@@ -88,11 +93,11 @@ struct ShapeDefaults {
 class Shape {
  public:
   virtual ~Shape() = default;
-  virtual std::unique_ptr<Shape> clone() const = 0;
+  virtual std::unique_ptr<Shape> clone() const = 0;  ///< a copy
 
   /// The name in files, "push_puppet".
   virtual std::string kind() const = 0;
-  virtual int dimension() const = 0;
+  virtual int dimension() const = 0;  ///< 2 or 3
   /// The table of dimensions, in the order in which they are read. Valid as long as the shape lives.
   virtual std::vector<ShapeKey> keys() = 0;
   /// Throws InputError with the numbers that clash.
@@ -106,8 +111,8 @@ class Shape {
 
   /// Names of the cables that it brings along, and the rest points [m] of one of them in its own frame.
   virtual std::vector<std::string> cable_names() const { return {}; }
-  virtual std::vector<Eigen::VectorXd> cable(size_t) const { return {}; }
-  virtual ShapeDefaults defaults() const { return {}; }
+  virtual std::vector<Eigen::VectorXd> cable(size_t) const { return {}; }  ///< see cable_names()
+  virtual ShapeDefaults defaults() const { return {}; }                    ///< see ShapeDefaults
 
   /// Lengths along the axes [m], where it is made of such.
   virtual std::vector<double> extent() const { return {}; }
@@ -129,9 +134,10 @@ class Shape {
 /// A kind of specimen of D dimensions that says its `kind_name`.
 template <class Own, int D>
 struct ShapeOf : Shape {
+  /// See Shape::clone().
   std::unique_ptr<Shape> clone() const override { return std::make_unique<Own>(static_cast<const Own&>(*this)); }
-  std::string kind() const override { return Own::kind_name; }
-  int dimension() const override { return D; }
+  std::string kind() const override { return Own::kind_name; }  ///< see Shape::kind()
+  int dimension() const override { return D; }                  ///< see Shape::dimension()
 };
 
 /// The only key of [mesh] of what Gmsh meshes.

@@ -18,8 +18,8 @@ struct Sheet final : ShapeOf<Sheet, 3> {
   double thickness = 4e-3;
   double cable_height = 0;  ///< of its own cables above the middle plane
 
-  double length() const { return columns * tile + (columns - 1) * strip; }
-  double width() const { return rows * tile + (rows - 1) * strip; }
+  double length() const { return columns * tile + (columns - 1) * strip; }  ///< along x [m]
+  double width() const { return rows * tile + (rows - 1) * strip; }         ///< along y [m]
 
   std::vector<ShapeKey> keys() override;
   void check() const override;

@@ -9,6 +9,7 @@ namespace taut {
 /// A plane body as a chain of beams sees it: soft spans in a row along an axis, between stiff pieces or, of a body that
 /// is all soft, one span from face to face. Lengths in metres.
 struct Spine {
+  /// A soft piece.
   struct Span {
     double begin, length, height;  ///< begin: from the origin along the axis
   };

@@ -24,7 +24,7 @@ struct TwistModule final : ShapeOf<TwistModule, 3> {
   double cable_radius = 19e-3;  ///< distance of the cables from the axis where they pass a plate
   double cable_turn = 0.21;     ///< angle from plate to plate [rad]
 
-  double height() const { return cells * cell_length + (cells + 1) * plate_thickness; }
+  double height() const { return cells * cell_length + (cells + 1) * plate_thickness; }  ///< along z [m]
 
   std::vector<ShapeKey> keys() override;
   void check() const override;

@@ -11,10 +11,10 @@ namespace taut {
 /// analysis are made once per pattern and reused by every factorisation. One object per thread.
 class Cholesky {
  public:
-  explicit Cholesky(const SparsePattern& pattern);
+  explicit Cholesky(const SparsePattern& pattern);  ///< analyses the pattern, once
   ~Cholesky();
-  Cholesky(Cholesky&&) noexcept;
-  Cholesky& operator=(Cholesky&&) noexcept;
+  Cholesky(Cholesky&&) noexcept;             ///< takes over the factor
+  Cholesky& operator=(Cholesky&&) noexcept;  ///< takes over the factor
 
   /// Factorises the matrix with these values (pattern.entries() of them) plus shift * I. False when it is not positive
   /// definite; the factor is then unusable until the next success.

@@ -12,6 +12,7 @@
 
 namespace taut {
 
+/// How a solve ended.
 enum class SolveStatus {
   converged,
   infeasible_start,  ///< the start has energy +inf (inverted elements)
@@ -21,7 +22,7 @@ enum class SolveStatus {
   load_step_limit,   ///< load steps were halved until the smallest one failed too
   interrupted        ///< the caller's stop flag was raised
 };
-std::string_view name_of(SolveStatus status);
+std::string_view name_of(SolveStatus status);  ///< "stalled"
 
 /// Which trial steps a line search takes.
 enum class LineSearch {
@@ -81,13 +82,14 @@ enum class Polish {
 /// the symbolic analysis: the next solve starts from there. One object per thread.
 class Equilibrium {
  public:
+  /// The model has to outlive it; one of the starts comes before the first solve.
   explicit Equilibrium(const Model& model, EquilibriumOptions options = {});
 
-  const Model& model() const { return *model_; }
-  const Eigen::VectorXd& u() const { return u_; }  ///< last equilibrium, all unknowns [m]
-  const Params& p() const { return p_; }           ///< its parameters
-  bool has_factor() const { return has_factor_; }  ///< the exact Hessian at u() is factorised
-  const SolveReport& report() const { return report_; }
+  const Model& model() const { return *model_; }         ///< as it was given
+  const Eigen::VectorXd& u() const { return u_; }        ///< last equilibrium, all unknowns [m]
+  const Params& p() const { return p_; }                 ///< its parameters
+  bool has_factor() const { return has_factor_; }        ///< the exact Hessian at u() is factorised
+  const SolveReport& report() const { return report_; }  ///< of the last solve
   /// Solves H x = b with the kept factor of the exact Hessian, on all unknowns, zero at the supports; shape (n x k).
   /// Throws std::logic_error without a factor.
   Eigen::MatrixXd solve_linear(const Eigen::MatrixXd& b) const;
@@ -99,7 +101,7 @@ class Equilibrium {
   /// Couplings (row, column) that the Hessian has room for besides the model's own, since the last start at rest; with
   /// the same ones another object solves the same to the bit.
   std::vector<std::array<int, 2>> couplings() const { return hessian_.couplings(); }
-  void expect(const std::vector<std::array<int, 2>>& couplings) { hessian_.expect(couplings); }
+  void expect(const std::vector<std::array<int, 2>>& couplings) { hessian_.expect(couplings); }  ///< see couplings()
   /// Sets a known state as the start of the next solve.
   void start_at(const Eigen::VectorXd& u, const Params& p);
   /// Sets u + step as the start, or as much of that step as is admissible.
@@ -113,7 +115,7 @@ class Equilibrium {
   /// state is u() when the report says converged; otherwise the last one stays. `step` has to live on, there or
   /// where step_moved_to() says, while this state is looked at.
   const SolveReport& solve_step(const Eigen::VectorXd& start, const Params& p, const TimeStep& step);
-  void step_moved_to(const TimeStep& step) { step_ = &step; }
+  void step_moved_to(const TimeStep& step) { step_ = &step; }  ///< see solve_step()
 
   /// du/dp_index for each of `indices`, shape (unknowns x indices), at the last equilibrium by the implicit function
   /// theorem, H du/dp = - d2Pi/du dp, from the kept factorisation. Throws std::logic_error without a factor.

@@ -16,7 +16,7 @@ namespace taut {
 /// then. One object per thread.
 class Hessian {
  public:
-  explicit Hessian(const Model& model);
+  explicit Hessian(const Model& model);  ///< the model has to outlive it
 
   /// Evaluates energy, gradient (all unknowns) and Hessian at a state. Returns the assembly with its energy.
   Assembly assemble(const Point& at, Curvature curvature, Eigen::VectorXd* gradient);
@@ -26,9 +26,10 @@ class Hessian {
   Eigen::MatrixXd solve(const Eigen::MatrixXd& b) const { return (grown_ ? *grown_ : own_cholesky_).solve(b); }
   /// What was assembled times q.
   Eigen::VectorXd times(const Eigen::VectorXd& q) const { return pattern_->times(values(), q); }
-  const Reduction& reduction() const { return reduction_; }
+  const Reduction& reduction() const { return reduction_; }  ///< the unknowns that it stands on
   /// Mean absolute diagonal entry [N/m].
   double mean_diagonal() const;
+  /// Since construction.
   int factorisations() const {
     return factorisations_ + own_cholesky_.factorisations() + (grown_ ? grown_->factorisations() : 0);
   }
@@ -37,7 +38,7 @@ class Hessian {
   /// Couplings (row, column) beyond the model's own pattern that have come so far; and to start with those of another
   /// object, so that elimination goes in the same order.
   std::vector<std::array<int, 2>> couplings() const;
-  void expect(const std::vector<std::array<int, 2>>& couplings);
+  void expect(const std::vector<std::array<int, 2>>& couplings);  ///< see couplings()
 
  private:
   struct Place {

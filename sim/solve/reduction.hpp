@@ -17,7 +17,7 @@ namespace taut {
 /// Without rigid bodies T is the identity. Motion walks along u(q) exactly, so that rigid bodies stay rigid.
 class Reduction {
  public:
-  explicit Reduction(const Model& model);
+  explicit Reduction(const Model& model);  ///< the model has to outlive it
 
   int size() const { return size_; }                         ///< number of unknowns
   bool identity() const { return bodies_.empty(); }          ///< they are the model's free unknowns
@@ -46,6 +46,7 @@ class Reduction {
     int row, column;
     double value;
   };
+  /// See Curved.
   std::vector<Curved> rotations(const Eigen::VectorXd& u, const Eigen::VectorXd& gradient, bool projected) const;
 
  private:

@@ -17,6 +17,7 @@ enum class OdeMethod {
   implicit_runge_kutta   ///< ARKODE, singly diagonally implicit, L-stable and stiffly accurate
 };
 
+/// Method, errors and steps.
 struct OdeOptions {
   OdeMethod method = OdeMethod::bdf;
   /// Estimated error of a step, relative; absolute it is this x 1e-2 L for displacements and this x L/s for velocities,
@@ -30,6 +31,7 @@ struct OdeOptions {
   int max_steps = 1'000'000;  ///< accepted steps in one advance_to()
 };
 
+/// How an integration stands.
 enum class OdeStatus {
   going,             ///< all asked for was reached
   infeasible_start,  ///< the start has energy +inf
@@ -37,7 +39,7 @@ enum class OdeStatus {
   step_limit,        ///< max_steps were not enough
   failed             ///< SUNDIALS gave up: `words`
 };
-std::string_view name_of(OdeStatus status);
+std::string_view name_of(OdeStatus status);  ///< "passed through"
 
 /// What was done since start().
 struct OdeReport {
@@ -78,8 +80,8 @@ class OdeIntegrator {
   /// Throws InputError for a tolerance that is not positive and for orders that the method does not have.
   explicit OdeIntegrator(const Model& model, OdeOptions options = {});
   ~OdeIntegrator();
-  OdeIntegrator(OdeIntegrator&&) noexcept;
-  OdeIntegrator& operator=(OdeIntegrator&&) noexcept;
+  OdeIntegrator(OdeIntegrator&&) noexcept;             ///< takes over the integration
+  OdeIntegrator& operator=(OdeIntegrator&&) noexcept;  ///< takes over the integration
 
   /// Follows du/dp_index and dv/dp_index of these parameters from the next start() on, from zero on the free unknowns;
   /// the schedule must not change them in time. By the staggered corrector of CVODES, the derivatives under error
@@ -93,12 +95,12 @@ class OdeIntegrator {
   /// in report(); the state is then the last sound one, and start() the only way on.
   bool advance_to(double t);
 
-  double t() const;
+  double t() const;                   ///< present time [s]
   const Eigen::VectorXd& u() const;   ///< [m], all unknowns
   const Eigen::VectorXd& v() const;   ///< [m/s]
   const Eigen::MatrixXd& du() const;  ///< du/dp, (unknowns x tracked), at t()
-  const Eigen::MatrixXd& dv() const;
-  const OdeReport& report() const;
+  const Eigen::MatrixXd& dv() const;  ///< dv/dp, at t()
+  const OdeReport& report() const;    ///< since start()
 
  private:
   struct Implementation;

@@ -13,9 +13,10 @@
 // Included by their .cpp files only.
 namespace taut {
 
-using NVector = std::unique_ptr<_generic_N_Vector, decltype(&N_VDestroy)>;
-using VectorView = Eigen::Map<Eigen::VectorXd>;
+using NVector = std::unique_ptr<_generic_N_Vector, decltype(&N_VDestroy)>;  ///< a vector of the library's
+using VectorView = Eigen::Map<Eigen::VectorXd>;                             ///< its numbers as Eigen has them
 
+/// What it holds.
 inline VectorView view(N_Vector v) {
   return {N_VGetArrayPointer(v), static_cast<Eigen::Index>(N_VGetLength(v))};
 }
@@ -25,6 +26,7 @@ inline void require_success(int flag, const std::string& error) {
   if (flag < 0) throw std::logic_error("SUNDIALS: " + error);
 }
 
+/// Owns a SUNContext.
 class SundialsContext {
  public:
   SundialsContext() {
@@ -33,8 +35,8 @@ class SundialsContext {
   ~SundialsContext() { SUNContext_Free(&context_); }
   SundialsContext(const SundialsContext&) = delete;
   SundialsContext& operator=(const SundialsContext&) = delete;
-  operator SUNContext() const { return context_; }
-  NVector vector(Eigen::Index size) const { return {N_VNew_Serial(size, context_), &N_VDestroy}; }
+  operator SUNContext() const { return context_; }  ///< for calls of the library
+  NVector vector(Eigen::Index size) const { return {N_VNew_Serial(size, context_), &N_VDestroy}; }  ///< of this length
 
  private:
   SUNContext context_ = nullptr;
@@ -43,6 +45,7 @@ class SundialsContext {
 /// The last error in the library's words, instead of on the console.
 struct SundialsWords {
   std::string text;
+  /// An error handler of the library: keeps the message of a negative code.
   static void keep(int code, const char*, const char*, char* message, void* self) {
     if (code < 0) static_cast<SundialsWords*>(self)->text = message;
   }
@@ -52,7 +55,8 @@ struct SundialsWords {
 /// `solve` (b, x) applies the factor. The integrator then decides when to factorise again.
 class CallbackSolver {
  public:
-  using Solve = std::function<void(const VectorView& b, VectorView x)>;
+  using Solve = std::function<void(const VectorView& b, VectorView x)>;  ///< x from b
+  /// `solve` applies the factor that the caller keeps.
   CallbackSolver(SUNContext context, Solve solve)
       : matrix_(SUNMatNewEmpty(context)), solver_(SUNLinSolNewEmpty(context)), solve_(std::move(solve)) {
     matrix_->ops->getid = [](SUNMatrix) { return SUNMATRIX_CUSTOM; };
@@ -72,8 +76,8 @@ class CallbackSolver {
   }
   CallbackSolver(const CallbackSolver&) = delete;
   CallbackSolver& operator=(const CallbackSolver&) = delete;
-  SUNMatrix matrix() const { return matrix_; }
-  SUNLinearSolver solver() const { return solver_; }
+  SUNMatrix matrix() const { return matrix_; }        ///< for the integrator
+  SUNLinearSolver solver() const { return solver_; }  ///< for the integrator
 
  private:
   SUNMatrix matrix_;

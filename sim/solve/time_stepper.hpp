@@ -18,6 +18,7 @@ enum class Integrator {
   bdf2             ///< order 2, variable steps; its first step, and those after restart(), are implicit Euler
 };
 
+/// Method, steps and errors.
 struct TimeStepperOptions {
   Integrator integrator = Integrator::implicit_euler;
   double step = 1e-3;      ///< [s]; with a tolerance the first one and the longest
@@ -37,7 +38,7 @@ struct TimeStepperReport {
 
 /// One accepted step: the state at its end, and what the potential that it minimises knew of the past.
 struct AcceptedStep {
-  double t = 0, h = 0;
+  double t = 0, h = 0;   ///< its end and its length [s]
   Eigen::VectorXd u, v;  ///< [m], [m/s], all unknowns
   Params p;
   TimeStep step;
@@ -49,6 +50,7 @@ struct AcceptedStep {
 /// never accepted. One object per thread.
 class TimeStepper {
  public:
+  /// The model has to outlive it; start() comes first.
   explicit TimeStepper(const Model& model, TimeStepperOptions options = {});
 
   /// Begins at time t with displacements u and velocities v; supports are imposed. `du` are the derivatives of u that
@@ -61,19 +63,19 @@ class TimeStepper {
   /// Takes the next BDF2 step as implicit Euler: after an impact or a kink of the schedule.
   void restart() { before_.clear(); }
 
-  double t() const { return now_.t; }
-  const Eigen::VectorXd& u() const { return now_.u; }
-  const Eigen::VectorXd& v() const { return now_.v; }
-  const Params& p() const { return now_.p; }
-  const AcceptedStep& last() const { return now_; }
-  const TimeStepperReport& report() const { return report_; }
+  double t() const { return now_.t; }                          ///< present time [s]
+  const Eigen::VectorXd& u() const { return now_.u; }          ///< [m], all unknowns
+  const Eigen::VectorXd& v() const { return now_.v; }          ///< [m/s], all unknowns
+  const Params& p() const { return now_.p; }                   ///< parameters and controls at t()
+  const AcceptedStep& last() const { return now_; }            ///< what the last step came to
+  const TimeStepperReport& report() const { return report_; }  ///< since start()
 
   /// Follows the derivatives of the state with respect to `count` numbers theta on which the schedule depends, from
   /// those given to start() (velocities: from zero); `derivative` gives dp/dtheta (parameters x count) at a time. They
   /// are those of the accepted steps, whose lengths count as given.
   void track(int count, std::function<Eigen::MatrixXd(double t)> derivative);
-  const Eigen::MatrixXd& du() const { return du_; }  ///< du/dtheta, (unknowns x count)
-  const Eigen::MatrixXd& dv() const { return dv_; }
+  const Eigen::MatrixXd& du() const { return du_; }                  ///< du/dtheta, (unknowns x count)
+  const Eigen::MatrixXd& dv() const { return dv_; }                  ///< dv/dtheta, (unknowns x count)
   const Eigen::MatrixXd& dreference() const { return dreference_; }  ///< of last().step.reference; zero at the start
 
  private:

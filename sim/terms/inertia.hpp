@@ -52,6 +52,7 @@ struct ViscosityDefinition {
   int thickness = -1;                           ///< [m] in 2D
   bool plane_stress = false;
 };
+/// See ViscosityDefinition.
 std::unique_ptr<Term> make_viscosity(const Mesh& mesh, const ViscosityDefinition& definition);
 
 }  // namespace taut

@@ -14,16 +14,18 @@ namespace taut {
 template <ElementShape S>
 struct ElementNodes {
   static constexpr int D = dimension_of(S), N = nodes_of(S);
-  using Local = Eigen::Matrix<double, D, N>;
+  using Local = Eigen::Matrix<double, D, N>;  ///< one column per node
   std::array<int, N> nodes;
 
-  ElementNodes(const Mesh& mesh, int e) { std::copy_n(mesh.element(e), N, nodes.begin()); }
+  ElementNodes(const Mesh& mesh, int e) { std::copy_n(mesh.element(e), N, nodes.begin()); }  ///< of element e
 
+  /// The part of `all` that belongs to these nodes.
   Local gather(const Eigen::VectorXd& all) const {
     Local local;
     for (int a = 0; a < N; ++a) local.col(a) = all.segment<D>(nodes[a] * D);
     return local;
   }
+  /// Adds to that part.
   void scatter(const Local& local, Eigen::VectorXd& all) const {
     for (int a = 0; a < N; ++a) all.segment<D>(nodes[a] * D) += local.col(a);
   }
@@ -32,12 +34,13 @@ struct ElementNodes {
 /// Geometry of an element at its quadrature points.
 template <ElementShape S>
 struct ElementGeometry : ElementNodes<S> {
-  using Reference = ReferenceElement<S>;
-  using Local = typename ElementNodes<S>::Local;
+  using Reference = ReferenceElement<S>;          ///< shape functions and quadrature
+  using Local = typename ElementNodes<S>::Local;  ///< one column per node
   static constexpr int Q = static_cast<int>(std::tuple_size_v<decltype(Reference::quadrature())>);
   std::array<double, Q> weight;   ///< of the rest volume (area) [m^D]
   std::array<Local, Q> gradient;  ///< dN/dX [1/m], one column per node
 
+  /// At the rest shape of element e.
   ElementGeometry(const Mesh& mesh, int e) : ElementNodes<S>(mesh, e) {
     const Local X = Reference::positions(mesh, e);
     const auto rule = Reference::quadrature();
@@ -54,6 +57,7 @@ struct ElementGeometry : ElementNodes<S> {
 template <class Element>
 class RegionTerm : public Term {
  public:
+  /// Of all elements of a region.
   RegionTerm(const Mesh& mesh, int region) {
     for (int e = 0; e < mesh.element_count(); ++e) {
       if (mesh.region[e] == region) elements_.emplace_back(mesh, e);

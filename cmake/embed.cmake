@@ -1,0 +1,9 @@
+# cmake -DROOT=... -DDOCUMENTS="a.md;b.md" -DOUT=documents.cpp -P embed.cmake: the texts of files as a table of the program.
+set(code "// Made by cmake/embed.cmake.\n#include \"experiments/cli/topics.hpp\"\n\nnamespace taut {\n\n")
+string(APPEND code "const std::map<std::string_view, std::string_view>& documents() {\n")
+string(APPEND code "  static const std::map<std::string_view, std::string_view> all{\n")
+foreach(document IN LISTS DOCUMENTS)
+  file(READ ${ROOT}/${document} text)
+  string(APPEND code "      {\"${document}\", R\"taut(${text})taut\"},\n")
+endforeach()
+file(WRITE ${OUT} "${code}  };\n  return all;\n}\n\n}  // namespace taut\n")
