@@ -63,7 +63,7 @@ bool holds_run(const fs::path& folder) {
 }
 
 /// What the run that stands in a folder consists of.
-std::vector<std::string> listed(const fs::path& folder) {
+std::vector<std::string> published(const fs::path& folder) {
   if (fs::exists(folder / list_file)) return lines_of(folder / list_file);
   return holds_run(folder) ? before_lists : std::vector<std::string>();
 }
@@ -74,7 +74,7 @@ void roll_forward(const fs::path& folder) {
   const fs::path next = folder / ".next";
   if (!fs::exists(next / publish_file)) return;
   const std::vector<std::string> files = lines_of(next / publish_file);
-  const std::vector<std::string> old = listed(folder);
+  const std::vector<std::string> old = published(folder);
   for (const std::string& file : old) {
     if (std::find(files.begin(), files.end(), file) == files.end()) fs::remove_all(folder / file);
   }
@@ -153,7 +153,7 @@ void RunFolder::mark_unfinished() const {
 void RunFolder::publish(Publish what) {
   std::vector<std::string> files = files_below(next());
   if (what == Publish::part) {
-    const std::vector<std::string> old = listed(path_);
+    const std::vector<std::string> old = published(path_);
     files.insert(files.end(), old.begin(), old.end());
     std::sort(files.begin(), files.end());
     files.erase(std::unique(files.begin(), files.end()), files.end());

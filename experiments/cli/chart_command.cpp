@@ -27,7 +27,7 @@ std::vector<std::string> files_of(const Simulation& simulation) {
 const std::vector<std::pair<std::string, int (*)(const CommandOptions&)>> charts{{"accuracy", chart_accuracy},
                                                                                  {"stability", chart_stability}};
 
-int run(const CommandOptions& options) {
+int chart_main(const CommandOptions& options) {
   if (!(options.budget >= 0 && options.budget < 1e9))
     throw InputError("--budget: a number of seconds, zero or more, belongs here");
   std::vector<std::string> names;
@@ -39,7 +39,7 @@ int run(const CommandOptions& options) {
                                did_you_mean(options.name, names), join(names)));
 }
 
-void add_options(AddOption add, CommandOptions& options) {
+void add_chart_options(AddOption add, CommandOptions& options) {
   add_out(add, options, "folder of figures and tables; default: runs/<name of the experiment's folder>/charts");
   add_threads(add, options);
   add("budget", boost::program_options::value(&options.budget)->value_name("SECONDS"),
@@ -93,8 +93,8 @@ Command chart_command() {
           "(stability).",
           "  taut chart accuracy experiments/silicone_block/experiment.toml --budget 300\n"
           "  taut chart stability experiments/push_puppet/experiment.toml\n",
-          add_options,
-          run,
+          add_chart_options,
+          chart_main,
           {&CommandOptions::name, &CommandOptions::target}};
 }
 

@@ -24,7 +24,7 @@ nlohmann::ordered_json check_json(const RunRecord& record, const ParameterTable&
 }
 
 /// Reads experiment, bench and model, says what was understood and what looks wrong.
-int run(const CommandOptions& options) {
+int check_main(const CommandOptions& options) {
   if (is_simulation(options.target)) return check_simulation(options);
   const std::unique_ptr<Bench> bench = open_bench(options.target, {options.threads, options.stop});
   RunRecord record = start_record(*bench);
@@ -45,7 +45,7 @@ Command check_command() {
           "Reads an experiment and its bench, says what it understood, finds problems; solves nothing.",
           "  taut check experiments/silicone_block/experiment.toml\n",
           nullptr,
-          run};
+          check_main};
 }
 
 }  // namespace taut

@@ -12,7 +12,7 @@ namespace taut {
 namespace {
 
 /// Draws the specimen of an experiment at rest with its dimensions; reads no bench.
-int run(const CommandOptions& options) {
+int draw_main(const CommandOptions& options) {
   const Experiment experiment = read_experiment(options.target);
   if (!experiment.kind->specimen)
     throw InputError(fmt::format("{}: {} has no specimen to draw; use `taut check` and `taut fit` on it",
@@ -37,7 +37,7 @@ Command draw_command() {
           "Draws the specimen at rest with its dimensions in millimetres (2D): SVG, PDF, PNG, CSV; reads no bench.",
           "  taut draw experiments/foam_cantilever/experiment.toml\n",
           [](AddOption add, CommandOptions& options) { add_out(add, options); },
-          run};
+          draw_main};
 }
 
 }  // namespace taut

@@ -106,7 +106,7 @@ int exit_code(const CommandOptions& options, const RunRecord& record, const std:
 }
 
 /// Fits the free parameters and writes a run folder.
-int run(const CommandOptions& options) {
+int fit_main(const CommandOptions& options) {
   const std::unique_ptr<Bench> bench = open_bench(options.target, {options.threads, options.stop});
   Progress progress(options.quiet);
   RunFolder folder(run_folder(options));
@@ -134,7 +134,7 @@ int run(const CommandOptions& options) {
   return exit_code(options, record, report_failure);
 }
 
-void add_options(AddOption add, CommandOptions& options) {
+void add_fit_options(AddOption add, CommandOptions& options) {
   add_out(add, options);
   add_threads(add, options);
   add("no-variants", po::bool_switch(&options.no_variants), "leave out the refits with other meshes");
@@ -149,8 +149,8 @@ Command fit_command() {
           "Fits the free parameters to the bench: run folder with report.html, figures, fit.json, predictions.csv.",
           "  taut fit experiments/silicone_block/experiment.toml\n"
           "  taut fit experiments/silicone_block/experiment.toml --no-variants --json --out runs/quick\n",
-          add_options,
-          run};
+          add_fit_options,
+          fit_main};
 }
 
 }  // namespace taut

@@ -204,7 +204,7 @@ std::string ik_folder(const CommandOptions& options) {
 
 /// Solves the targets and paths of [ik], one after the other: a table on stdout; ik.csv, states, a strip of the poses
 /// and report.html in a run folder. Exit code 3 when a search failed; a target out of reach is an answer.
-int run(const CommandOptions& options) {
+int ik_main(const CommandOptions& options) {
   if (!is_simulation(options.target)) refuse(options, "there is no [simulation]; `taut ik` is for robots");
   const Simulation simulation = read_simulation(options.target);
   const std::vector<const IkTarget*> targets = targets_of(options, simulation);
@@ -242,7 +242,7 @@ int run(const CommandOptions& options) {
   return failed ? exit_solve : exit_ok;
 }
 
-void add_options(AddOption add, CommandOptions& options) {
+void add_ik_options(AddOption add, CommandOptions& options) {
   add_out(add, options);
   add("target", boost::program_options::value(&options.name)->value_name("NAME"), "this target or path alone");
 }
@@ -255,8 +255,8 @@ Command ik_command() {
           "Finds the controls that bring a robot to the targets of its file, within their bounds.",
           "  taut ik experiments/arm/experiment.toml\n"
           "  taut ik experiments/arm/experiment.toml --target circle --json\n",
-          add_options,
-          run};
+          add_ik_options,
+          ik_main};
 }
 
 }  // namespace taut

@@ -134,7 +134,7 @@ std::string names_for_help() {
 }
 
 /// In single quotes of a shell.
-std::string quoted(const std::string& text) {
+std::string in_quotes(const std::string& text) {
   return "'" + replaced(text, {{'\'', "'\\''"}}) + "'";
 }
 
@@ -144,8 +144,9 @@ std::string bash_case(const Command& command) {
     names += (names.empty() ? "" : " ") + option.name;
     if (!option.value.empty()) values += option.name + ":" + filler(option.value, true) + " ";
   }
-  for (const std::string& argument : words_of(command.arguments, ' ')) places += " " + quoted(filler(argument, false));
-  return fmt::format("    {}) options={} values={} places=({}) ;;\n", command.name, quoted(names), quoted(values),
+  for (const std::string& argument : words_of(command.arguments, ' '))
+    places += " " + in_quotes(filler(argument, false));
+  return fmt::format("    {}) options={} values={} places=({}) ;;\n", command.name, in_quotes(names), quoted(values),
                      places.substr(1));
 }
 
@@ -207,15 +208,15 @@ std::string zsh_case(const Command& command) {
     const std::string what = "[" + replaced(option.what, {{'[', "\\["}, {']', "\\]"}}) + "]";
     const std::string value = option.value.empty() ? "" : zsh_action(option.value, true);
     const std::string name = option.value.empty() ? option.name : option.name + "=";
-    if (!option.letter.empty()) text += " \\\n        " + quoted("(" + option.name + ")" + option.letter + what);
-    text += " \\\n        " + quoted((option.repeated         ? "*"
-                                      : option.letter.empty() ? ""
-                                                              : "(" + option.letter + ")") +
-                                     name + what + value);
+    if (!option.letter.empty()) text += " \\\n        " + in_quotes("(" + option.name + ")" + option.letter + what);
+    text += " \\\n        " + in_quotes((option.repeated         ? "*"
+                                         : option.letter.empty() ? ""
+                                                                 : "(" + option.letter + ")") +
+                                        name + what + value);
   }
   const std::vector<std::string> arguments = words_of(command.arguments, ' ');
   for (size_t i = 0; i < arguments.size(); ++i)
-    text += " \\\n        " + quoted(fmt::format("{}{}", i + 1, zsh_action(arguments[i], false)));
+    text += " \\\n        " + in_quotes(fmt::format("{}{}", i + 1, zsh_action(arguments[i], false)));
   return text + "\n      ;;\n";
 }
 
@@ -285,10 +286,11 @@ std::string bash_completion() {
 std::string zsh_completion() {
   std::string commands, cases, topics;
   for (const Command& command : all_commands()) {
-    commands += "\n    " + quoted(command.name + ":" + command.summary);
+    commands += "\n    " + in_quotes(command.name + ":" + command.summary);
     cases += zsh_case(command);
   }
-  for (const Topic& topic : all_topics()) topics += "\n        " + quoted(topic.name + ":" + std::string(topic.about));
+  for (const Topic& topic : all_topics())
+    topics += "\n        " + in_quotes(topic.name + ":" + std::string(topic.about));
   return filled(zsh_script, commands, cases, topics);
 }
 

@@ -100,7 +100,7 @@ Json predicted_json(const RunRecord& record, const std::vector<PredictedRow>& ro
 }
 
 /// Predicts at new loads with the parameters and covariance of a run.
-int run(const CommandOptions& options) {
+int predict_main(const CommandOptions& options) {
   if (options.rows.empty())
     throw InputError("taut predict: --rows FILE is missing; give a CSV file with the load columns of the bench");
   settle_run_folder(options.target);
@@ -135,7 +135,7 @@ int run(const CommandOptions& options) {
   return prediction.complete() ? exit_ok : exit_solve;
 }
 
-void add_options(AddOption add, CommandOptions& options) {
+void add_predict_options(AddOption add, CommandOptions& options) {
   add_threads(add, options);
   add("rows", po::value(&options.rows)->value_name("FILE"), "CSV file with the load columns of the bench (required)");
 }
@@ -148,8 +148,8 @@ Command predict_command() {
           "Predicts at new loads with the parameters of a run, with 95 % bands.",
           "  taut predict runs/silicone_block --rows new.csv        # new.csv: the load columns of the bench, one row "
           "per prediction\n",
-          add_options,
-          run};
+          add_predict_options,
+          predict_main};
 }
 
 }  // namespace taut

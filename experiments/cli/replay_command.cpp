@@ -168,7 +168,7 @@ Replay replay_bench(const CommandOptions& options, const Bench& bench, const Par
 }
 
 /// Simulates every row of the bench: table on stdout; predictions.csv, states as VTU.
-int run(const CommandOptions& options) {
+int replay_main(const CommandOptions& options) {
   const std::unique_ptr<Bench> bench = open_bench(options.target, {options.threads, options.stop});
   Progress progress(options.quiet);
   const Params p = parameters_of(options, *bench);
@@ -197,7 +197,7 @@ int run(const CommandOptions& options) {
   return replay.prediction.complete() ? exit_ok : exit_solve;
 }
 
-void add_options(AddOption add, CommandOptions& options) {
+void add_replay_options(AddOption add, CommandOptions& options) {
   add_out(add, options);
   add_threads(add, options);
   const auto keep = [&options](const std::vector<std::string>& settings) {
@@ -223,8 +223,8 @@ Command replay_command() {
           "Simulates every row of the bench with given parameters: table, CSV, VTU.",
           "  taut replay experiments/silicone_block/experiment.toml\n"
           "  taut replay experiments/silicone_block/experiment.toml --set E_silicone=\"263.8 kPa\" --out /tmp/replay\n",
-          add_options,
-          run};
+          add_replay_options,
+          replay_main};
 }
 
 }  // namespace taut

@@ -12,7 +12,7 @@ namespace taut {
 namespace {
 
 /// Rebuilds figures and report of a run from its fit.json.
-int run(const CommandOptions& options) {
+int report_main(const CommandOptions& options) {
   settle_run_folder(options.target);
   const RunRecord record = read_run(options.target);
   check_inputs(record, options.target);
@@ -32,7 +32,7 @@ Command report_command() {
           "Rebuilds figures and report of a run from its fit.json, without solving.",
           "  taut report runs/silicone_block\n",
           nullptr,
-          run};
+          report_main};
 }
 
 }  // namespace taut

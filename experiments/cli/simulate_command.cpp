@@ -158,7 +158,7 @@ void add_sensitivity_facts(const Robot& robot, const SimulationSensitivities& wa
 
 /// Runs a simulation file: states as VTU, channels as CSV, figures, a strip, an animation and report.html in a run
 /// folder; a summary on stdout.
-int run(const CommandOptions& options) {
+int simulate_main(const CommandOptions& options) {
   if (!is_simulation(options.target))
     throw InputError(
         fmt::format("{}: this is an experiment with a bench, not a simulation (there is no [simulation]); "
@@ -206,7 +206,7 @@ int run(const CommandOptions& options) {
   return result.failure.empty() && !unsound ? exit_ok : exit_solve;
 }
 
-void add_options(AddOption add, CommandOptions& options) {
+void add_simulate_options(AddOption add, CommandOptions& options) {
   add_out(add, options);
   add("sensitivities", po::bool_switch(&options.sensitivities),
       "derivatives of all channels at every time with respect to parameters and controls: sensitivities.csv");
@@ -288,8 +288,8 @@ Command simulate_command() {
           "Runs a simulation over time or through equilibria: states, plots, animation and report.",
           "  taut simulate experiments/ball_impact/experiment.toml\n"
           "  taut simulate experiments/finger_bend/experiment.toml --goal tip_angle --json\n",
-          add_options,
-          run};
+          add_simulate_options,
+          simulate_main};
 }
 
 }  // namespace taut
