@@ -91,8 +91,15 @@ class Evaluator {
     const std::vector<double> si = values(q);
     for (Eigen::Index j = 0; j < count(); ++j)
       prediction_.derivatives.col(j) *= scale(j).slope(si[static_cast<size_t>(j)]);
-    if (options_.progress) options_.progress({evaluations, chi_squared(), si});
+    if (options_.progress)
+      options_.progress({phase_, evaluations, std::max(0, phase_end_ - evaluations), chi_squared(), si});
     return true;
+  }
+
+  /// What the next evaluations are for, and how many that usually takes.
+  void begin(std::string phase, int usual_evaluations) {
+    phase_ = std::move(phase);
+    phase_end_ = evaluations + usual_evaluations;
   }
 
   /// Makes the next evaluation ask the protocol even at the same point.
@@ -122,6 +129,8 @@ class Evaluator {
   Eigen::VectorXd point_;
   Prediction prediction_;
   bool ok_ = false;
+  std::string phase_ = "search";
+  int phase_end_ = 8;  ///< the number of evaluations at which it usually ends
 };
 
 /// All residuals as one block, because one simulation yields them all.
@@ -628,6 +637,7 @@ class Fit {
     if (options_.profiles && (doubtful || options_.all_profiles) && !evaluator_.stopped()) {
       const double guess = std::min(reach, scale.logarithmic ? 1.0 : 0.25 * ranges_[j]);
       estimate.profile.emplace_back(estimate.value, 0.0);
+      evaluator_.begin("profile of " + estimate.spec.id, 12);
       const auto end = [&](int sign) {
         return ProfileEnd(evaluator_, best_, result_.covariance, j, sign, options_, estimate.profile)
             .find(guess, estimate.verdict == Verdict::tied);

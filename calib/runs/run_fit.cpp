@@ -70,9 +70,14 @@ class Run {
                        const std::string& what, FitOptions how) {
     LoggedProtocol protocol(bench.protocol(), log_, section, options_.stop);
     how.stop = options_.stop;
+    const Stopwatch watch;
     const auto progress = [&](const FitProgress& state) {
-      std::string text =
-          fmt::format("{}: evaluation {}, chi squared {:.5g}", what, state.evaluation, state.chi_squared);
+      std::string left;
+      if (state.usually_left > 0)
+        left = fmt::format(" (usually {} more in {:.2g} s)", state.usually_left,
+                           state.usually_left * watch.seconds() / state.evaluation);
+      std::string text = fmt::format("{}, {}: evaluation {}{}, chi squared {:.5g}", what, state.phase, state.evaluation,
+                                     left, state.chi_squared);
       for (size_t j = 0; j < free.size(); ++j) {
         const ParameterSpec& spec = protocol.parameters()[free[j].index];
         text += fmt::format(", {} = {}", spec.id, with_unit(state.values[j], spec.unit));

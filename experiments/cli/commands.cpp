@@ -1,10 +1,8 @@
 #include "experiments/cli/commands.hpp"
 
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include <boost/program_options.hpp>
-#include <cstdio>
 #include <filesystem>
 
 namespace taut {
@@ -27,29 +25,6 @@ const std::vector<Command>& all_commands() {
                                         fit_command(),     simulate_command(), ik_command(),
                                         predict_command(), chart_command(),    report_command()};
   return all;
-}
-
-Progress::Progress(bool quiet) : quiet_(quiet), terminal_(isatty(STDERR_FILENO) != 0) {}
-Progress::~Progress() {
-  clear();
-}
-
-void Progress::clear() {
-  if (shown_) std::fputs("\r\033[K", stderr);
-  shown_ = false;
-}
-
-void Progress::say(const std::string& line) {
-  if (quiet_) return;
-  clear();
-  fmt::print(stderr, "{}\n", line);
-}
-
-void Progress::show(const std::string& line) {
-  if (quiet_ || !terminal_) return;
-  fmt::print(stderr, "\r\033[K{}", line.substr(0, 150));
-  std::fflush(stderr);
-  shown_ = true;
 }
 
 std::string experiment_name(const std::string& path) {

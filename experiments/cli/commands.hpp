@@ -5,6 +5,8 @@
 #include <string>
 #include <vector>
 
+#include "experiments/cli/progress.hpp"
+
 namespace taut {
 
 /// Exit codes of the command `taut`.
@@ -54,18 +56,6 @@ struct Command {
   int (*run)(const CommandOptions& options) = nullptr;
   /// Where the words go that are no options; the last one is needed.
   std::vector<std::string CommandOptions::*> positional = {&CommandOptions::target};
-};
-
-/// Progress on stderr: one animated line on a terminal, plain lines otherwise, nothing when quiet.
-class Progress {
- public:
-  explicit Progress(bool quiet);
-  ~Progress();
-  void say(const std::string& line);   ///< a step that stays
-  void show(const std::string& line);  ///< a state that is replaced by the next; skipped when not on a terminal
- private:
-  void clear();
-  bool quiet_, terminal_, shown_ = false;
 };
 
 /// Name of the folder of an experiment.toml, or of another file without its extension.
