@@ -146,7 +146,7 @@ std::string bash_case(const Command& command) {
   }
   for (const std::string& argument : words_of(command.arguments, ' '))
     places += " " + in_quotes(filler(argument, false));
-  return fmt::format("    {}) options={} values={} places=({}) ;;\n", command.name, in_quotes(names), quoted(values),
+  return fmt::format("    {}) options={} values={} places=({}) ;;\n", command.name, in_quotes(names), in_quotes(values),
                      places.substr(1));
 }
 

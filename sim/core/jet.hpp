@@ -84,7 +84,7 @@ struct Jet {
 };
 
 /// The number itself.
-double value_of(double x) {
+inline double value_of(double x) {
   return x;
 }
 /// Without its derivatives.

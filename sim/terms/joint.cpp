@@ -113,7 +113,10 @@ class Springs {
 
   /// Derivatives with respect to the points into those with respect to the nodes.
   Eigen::VectorXd on_nodes(const Vector& g) const { return to_nodes_ * g; }
-  Eigen::MatrixXd on_nodes(const Matrix& H) const { return to_nodes_ * H * to_nodes_.transpose(); }
+  Eigen::MatrixXd on_nodes(const Matrix& H) const {
+    const Matrix left = to_nodes_ * H;
+    return left * to_nodes_.transpose();
+  }
   void scatter(const Vector& g, Eigen::VectorXd& all) const { on_.scatter(on_nodes(g), all); }
   Eigen::VectorXd spread(const Vector& g, const Point& at) const { return on_.spread(on_nodes(g), at.u.size()); }
 
@@ -398,8 +401,8 @@ Attachment make_attachment(const Mesh& mesh, const Part& part, const Eigen::Vect
     m[k] = measure;
     result.nodes.push_back(node);
   }
-  const Eigen::MatrixXd gram = M * m.asDiagonal() * M.transpose();
-  const Eigen::VectorXd w = m.asDiagonal() * M.transpose() * least_squares(gram, Eigen::VectorXd::Unit(d + 1, 0));
+  const Eigen::MatrixXd weighted = M * m.asDiagonal(), gram = weighted * M.transpose();
+  const Eigen::VectorXd w = weighted.transpose() * least_squares(gram, Eigen::VectorXd::Unit(d + 1, 0));
   result.weights.assign(w.begin(), w.end());
   return result;
 }
