@@ -390,7 +390,8 @@ Attachment make_attachment(const Mesh& mesh, const Part& part, const Eigen::Vect
     const double measure = std::abs(vertex_determinant(mesh, e)) / (d == 2 ? 2 : 6);
     for (int a = 0; a < per_element; ++a) share[nodes[a]] += measure / per_element;
   }
-  // min sum w^2/m with M w = (1, 0), M the affine functions about the point: w = m M^T (M m M^T)^-1 (1, 0).
+  // min sum w^2/m with M w = (1, 0), M the affine functions about the point: least squares of minimum norm in
+  // w/sqrt(m).
   Attachment result{point, {}, {}};
   Eigen::MatrixXd M(d + 1, share.size());
   Eigen::VectorXd m(M.cols());
@@ -401,8 +402,9 @@ Attachment make_attachment(const Mesh& mesh, const Part& part, const Eigen::Vect
     m[k] = measure;
     result.nodes.push_back(node);
   }
-  const Eigen::MatrixXd weighted = M * m.asDiagonal(), gram = weighted * M.transpose();
-  const Eigen::VectorXd w = weighted.transpose() * least_squares(gram, Eigen::VectorXd::Unit(d + 1, 0));
+  const Eigen::VectorXd root = m.cwiseSqrt();
+  const Eigen::VectorXd w =
+      root.cwiseProduct(minimum_norm_solution(M * root.asDiagonal(), Eigen::VectorXd::Unit(d + 1, 0)));
   result.weights.assign(w.begin(), w.end());
   return result;
 }
