@@ -6,9 +6,8 @@
 #include <map>
 #include <set>
 
-#include "sim/core/dense.hpp"
-
 #include "reports/run_sections.hpp"
+#include "sim/core/dense.hpp"
 
 namespace taut::plot {
 namespace {

@@ -26,6 +26,8 @@ void Progress::say(const std::string& line) {
   const std::lock_guard lock(mutex_);
   clear();
   fmt::print(stderr, "{}\n", line);
+  state_ = told_ = line;
+  unchanged_ = 0;
 }
 
 void Progress::show(const std::string& line) {
@@ -42,14 +44,12 @@ void Progress::tell_now_and_then(const std::stop_token& ended) {
   constexpr std::chrono::seconds often(5);
   constexpr int seldom = 6;  // of these
   std::unique_lock lock(mutex_);
-  std::string told;
-  int unchanged = 0;
   while (!waiting_.wait_for(lock, ended, often, [&] { return ended.stop_requested(); })) {
-    if (state_.empty() || (state_ == told && ++unchanged % seldom != 0)) continue;
-    if (state_ != told) unchanged = 0;
-    told = state_;
+    if (state_.empty() || (state_ == told_ && ++unchanged_ % seldom != 0)) continue;
+    if (state_ != told_) unchanged_ = 0;
+    told_ = state_;
     try {
-      fmt::print(stderr, "{} ({:.0f} s)\n", told, watch_.seconds());
+      fmt::print(stderr, "{} ({:.0f} s)\n", told_, watch_.seconds());
     } catch (const std::system_error&) {  // stderr takes no more, which is no reason to end a run
       return;
     }

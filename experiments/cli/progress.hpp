@@ -29,8 +29,9 @@ class Progress {
   Stopwatch watch_;
   std::mutex mutex_;
   std::condition_variable_any waiting_;
-  std::string state_;
-  std::jthread teller_;  ///< off a terminal; the last member, so that it ends before what it uses
+  std::string state_, told_;  ///< what is so, and what was said of it last
+  int unchanged_ = 0;         ///< times at which they were the same
+  std::jthread teller_;       ///< off a terminal; the last member, so that it ends before what it uses
 };
 
 }  // namespace taut

@@ -3,8 +3,8 @@
 #include <cmath>
 #include <limits>
 
-#include "sim/core/error.hpp"
 #include "sim/core/dense.hpp"
+#include "sim/core/error.hpp"
 #include "sim/mesh/mesh.hpp"
 #include "sim/mesh/shape_functions.hpp"
 #include "sim/mesh/topology.hpp"

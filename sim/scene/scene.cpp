@@ -403,8 +403,7 @@ void SceneBuilder::check_rigid_motions() const {
       throw InputError(
           fmt::format("the supports leave {} of {} rigid motions free (the part with the node at ({:.4g}, {:.4g}{}) "
                       "mm): fix more components",
-                      motions - rank, motions, at[0], at[1],
-                      d == 3 ? fmt::format(", {:.4g}", at[2]) : ""));
+                      motions - rank, motions, at[0], at[1], d == 3 ? fmt::format(", {:.4g}", at[2]) : ""));
     }
   }
 }

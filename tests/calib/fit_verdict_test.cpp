@@ -1,5 +1,7 @@
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "sim/core/units.hpp"
 #include "tests/support/closed_form_protocol.hpp"
 #include "tests/support/message.hpp"
@@ -336,6 +338,25 @@ TEST(Fit, ProgressCountsEvaluationsAndShowsValuesInSi) {
   EXPECT_EQ(states[0].evaluation, 1);
   EXPECT_NEAR(states[0].values[0], 500, 1e-9);
   EXPECT_NEAR(states[0].chi_squared, kLoads.squaredNorm() * std::pow(1e6 * (1.0 / 500 - 1.0 / 1000), 2), 1e-3);
+}
+
+TEST(Fit, ProgressNamesThePhaseAndWhatItUsuallyTakesYet) {
+  ClosedFormProtocol protocol = compliance();
+  std::vector<FitProgress> seen;
+  FitOptions options;
+  options.all_profiles = true;
+  options.progress = [&](const FitProgress& p) { seen.push_back(p); };
+  fit(protocol, measured(kLoads / 1000.0, 1e-5), {{0, 4000, 1, 1e6}}, options);
+  const auto profile = std::ranges::find(seen, "profile of k", &FitProgress::phase);
+  ASSERT_NE(profile, seen.begin());
+  ASSERT_NE(profile, seen.end());
+  EXPECT_GT(profile->usually_left, (profile - 1)->usually_left) << "a new phase has all of its own before it";
+  for (auto p = seen.begin(); p != seen.end(); ++p) {
+    EXPECT_EQ(p->phase, p < profile ? "search" : "profile of k");
+    if (p != seen.begin() && p != profile) {
+      EXPECT_EQ(p->usually_left, std::max(0, (p - 1)->usually_left - (p->evaluation - (p - 1)->evaluation)));
+    }
+  }
 }
 
 TEST(Fit, WhatIsReportedIsComputedAgainFromTheStartOfThePath) {
