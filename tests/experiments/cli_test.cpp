@@ -5,7 +5,6 @@
 #include <csignal>
 #include <filesystem>
 #include <nlohmann/json.hpp>
-#include <thread>
 
 #include "tests/support/command.hpp"
 #include "tests/support/experiment_files.hpp"
@@ -362,11 +361,11 @@ TEST_F(Command, AFitWhoseStartCannotBeSimulatedExitsWithThreeAndSaysWhy) {
   EXPECT_FALSE(fs::exists(folder_ / "run/fit.json"));
 }
 
-TEST_F(Command, AnInterruptedFitEndsSoonWithCode130AndLeavesAReadableRunOrNone) {
+TEST_F(Command, AFitInterruptedBeforeItHasAResultEndsSoonWithCode130AndLeavesNoRun) {
   // Fine enough to last for minutes.
   folder_.write("beam/experiment.toml", replaced(beam_toml, "cells = [10, 4]", "cells = [400, 80]"));
   const pid_t child = start({"fit", experiment_, "--out", folder_ / "run"}, here_);
-  std::this_thread::sleep_for(std::chrono::seconds(3));
+  wait_until_said(child, here_, "fitting ");
   kill(child, SIGINT);
   const auto asked = std::chrono::steady_clock::now();
   const Outcome fit = finish(child, here_);
@@ -374,22 +373,15 @@ TEST_F(Command, AnInterruptedFitEndsSoonWithCode130AndLeavesAReadableRunOrNone) 
   EXPECT_EQ(fit.code, 130) << fit.err;
   EXPECT_LT(seconds, 30) << "the machine may be busy";
   std::printf("ended %.1f s after the interrupt\n", seconds);
-  if (fs::exists(folder_ / "run/fit.json")) {
-    const json result = json::parse(text_of(folder_ / "run/fit.json"));
-    EXPECT_EQ(result.at("parameters")[0].at("id"), "E_foam");
-    EXPECT_EQ(taut({"report", folder_ / "run"}).code, 0);
-    // Without a covariance there is no band, and none is made up.
-    const Outcome predict = taut({"predict", folder_ / "run", "--rows", folder_.write("loads.csv", "pull_N\n0.1\n")});
-    EXPECT_EQ(predict.code, 2) << predict.out;
-    expect_holds(predict.err, {"interrupted", "run the fit again"});
-  }
+  expect_holds(fit.err, {"interrupted before the fit had a result"});
+  EXPECT_FALSE(fs::exists(folder_ / "run/fit.json"));
 }
 
 // ---- the measured block, coarsely
 
 class SlowSiliconeBlock : public Command {};
 
-TEST_F(SlowSiliconeBlock, ItsModulusIsBetween255And280KiloPascal) {
+TEST_F(SlowSiliconeBlock, ItsModulusIsThatOfTheReadmeForItsMesh) {
   std::string toml = text_of(TAUT_SOURCE_DIR "/experiments/silicone_block/experiment.toml");
   const size_t variants = toml.find("[[fit.variant]]"), references = toml.find("[[fit.reference]]");
   ASSERT_TRUE(variants != std::string::npos && references != std::string::npos && variants < references);
@@ -403,8 +395,8 @@ TEST_F(SlowSiliconeBlock, ItsModulusIsBetween255And280KiloPascal) {
   ASSERT_EQ(fit.code, 0) << fit.err;
   const json result = json::parse(fit.out);
   EXPECT_EQ(result.at("parameters")[0].at("id"), "E_silicone");
-  EXPECT_GT(result.at("parameters")[0].at("value"), 255e3);
-  EXPECT_LT(result.at("parameters")[0].at("value"), 280e3);
+  // README.md's table for these cells; finer ones tend to 271 kPa.
+  EXPECT_NEAR(result.at("parameters")[0].at("value"), 270.6e3, 0.001 * 270.6e3);
   EXPECT_TRUE(result.at("variants").empty());
   EXPECT_EQ(result.at("readings").size(), 18u);
 }
@@ -446,8 +438,8 @@ TEST(SimulateCommand, CheckUnderstandsAndOtherCommandsSendASimulationThere) {
 TEST(SimulateCommand, AnInterruptedOrFailedRunKeepsWhatWasFinished) {
   const TemporaryFolder folder;
   folder.write("robot.toml", replaced(robot_toml, "duration = \"40 ms\"", "duration = \"500 s\""));
-  const pid_t child = start({"simulate", "robot.toml", "-q"}, folder / "");
-  std::this_thread::sleep_for(std::chrono::milliseconds(1500));
+  const pid_t child = start({"simulate", "robot.toml"}, folder / "");
+  wait_until_said(child, folder / "", " of 500 s, ");
   kill(child, SIGINT);
   const Outcome stopped = finish(child, folder / "");
   EXPECT_EQ(stopped.code, 130) << stopped.err;

@@ -3,9 +3,11 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <chrono>
 #include <csignal>
 #include <cstdio>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "tests/support/experiment_files.hpp"
@@ -35,6 +37,21 @@ inline pid_t start(const std::vector<std::string>& arguments, const std::string&
     _exit(127);
   }
   return child;
+}
+
+/// Waits until a program that start() started has said `words` on stderr; a failure after a minute or when it has
+/// ended.
+inline void wait_until_said(pid_t child, const std::string& folder, const std::string& words) {
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::minutes(1);
+  while (text_of(folder + "/stderr.txt").find(words) == std::string::npos) {
+    siginfo_t ended{};
+    waitid(P_PID, static_cast<id_t>(child), &ended, WEXITED | WNOHANG | WNOWAIT);
+    if (ended.si_pid != 0 || std::chrono::steady_clock::now() > deadline) {
+      ADD_FAILURE() << "'" << words << "' was not said: " << text_of(folder + "/stderr.txt");
+      return;
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
 }
 
 inline Outcome finish(pid_t child, const std::string& folder) {
