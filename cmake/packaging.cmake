@@ -22,7 +22,8 @@ add_custom_target(manual ALL DEPENDS ${manual_files})
 install(TARGETS taut_sim taut_calib taut_reports EXPORT taut-targets ARCHIVE COMPONENT development)
 # Includes start at the root of the sources, so the headers get a root of their own. Those that read TOML stay at home.
 foreach(layer sim calib reports)
-  install(DIRECTORY ${layer} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/taut COMPONENT development FILES_MATCHING PATTERN "*.hpp")
+  install(DIRECTORY ${layer} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/taut COMPONENT development FILES_MATCHING PATTERN "*.hpp"
+          PATTERN "*_of.hpp" EXCLUDE)  # bodies of templates, for the sources that instantiate them
   set_target_properties(taut_${layer} PROPERTIES EXPORT_NAME ${layer})
   target_include_directories(taut_${layer} PUBLIC $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}/taut>)
 endforeach()

@@ -130,7 +130,7 @@ class Evaluator {
   Prediction prediction_;
   bool ok_ = false;
   std::string phase_ = "search";
-  int phase_end_ = 8;  ///< the number of evaluations at which it usually ends
+  int phase_end_ = 8;  ///< where it usually ends: searches of the shipped experiments take 3 to 8, rarely more
 };
 
 /// All residuals as one block, because one simulation yields them all.
@@ -461,7 +461,9 @@ class Fit {
         options_(options),
         evaluator_(protocol, measurements, free, options),
         last_(protocol, measurements, free, options),
-        factorisations_(protocol.factorisations()) {}
+        factorisations_(protocol.factorisations()) {
+    last_.begin("cold replay", 0);
+  }
 
   FitResult run() {
     set_start();
@@ -637,7 +639,7 @@ class Fit {
     if (options_.profiles && (doubtful || options_.all_profiles) && !evaluator_.stopped()) {
       const double guess = std::min(reach, scale.logarithmic ? 1.0 : 0.25 * ranges_[j]);
       estimate.profile.emplace_back(estimate.value, 0.0);
-      evaluator_.begin("profile of " + estimate.spec.id, 12);
+      evaluator_.begin("profile of " + estimate.spec.id, doubtful ? 24 : 8);  // what the push-puppet module's take
       const auto end = [&](int sign) {
         return ProfileEnd(evaluator_, best_, result_.covariance, j, sign, options_, estimate.profile)
             .find(guess, estimate.verdict == Verdict::tied);

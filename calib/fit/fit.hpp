@@ -100,7 +100,7 @@ struct FitResult {
 
 /// Where a fit is, for those who watch.
 struct FitProgress {
-  std::string phase;     ///< "search", "profile of <id>"
+  std::string phase;     ///< "search", "cold replay" of its result, "profile of <id>"
   int evaluation = 0;    ///< how many there have been
   int usually_left = 0;  ///< how many more the phase usually takes; 0: it has taken more than usual
   double chi_squared = 0;

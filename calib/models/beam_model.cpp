@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <map>
+#include <optional>
 
 #include "calib/models/beam_chain.hpp"
 #include "sim/core/dense.hpp"
@@ -79,7 +80,11 @@ State reached(const BeamProtocol::Chain& chain, State state, const Params& targe
   if (state.problem.empty() && !free.empty()) {
     const ChainEnergy sum = chain.assemble(state.x, target, free);
     ++factorisations;
-    state.dx = -*solve_positive_definite(sum.hessian, sum.mixed);  // what solve() reached is stable
+    const std::optional<Eigen::MatrixXd> slopes = solve_positive_definite(sum.hessian, sum.mixed);
+    if (slopes)
+      state.dx = -*slopes;
+    else
+      state.problem = "the equilibrium is not stable";
   }
   return state;
 }

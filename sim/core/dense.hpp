@@ -13,12 +13,12 @@ using SmallMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 12,
 /// eigenvalues become zero.
 SmallMatrix positive_part(const SmallMatrix& A);
 
-/// A = vectors diag(values) vectors^T of a symmetric matrix, of which the lower triangle is read; values ascending,
-/// vectors orthonormal columns.
+/// A = vectors diag(values) vectors^T of a symmetric matrix; values ascending, vectors orthonormal columns.
 struct SymmetricModes {
   Eigen::VectorXd values;
   Eigen::MatrixXd vectors;
 };
+/// Of the matrix whose lower triangle is A's.
 SymmetricModes symmetric_modes(const Eigen::MatrixXd& A);
 
 /// A = U diag(s) V^T with orthonormal columns of U (m x k) and V (n x k), k = min(m, n), and s descending.
@@ -27,6 +27,7 @@ struct SingularValues {
   Eigen::VectorXd s;
   Eigen::MatrixXd V;
 };
+/// By Jacobi's rotations, which keep small values accurate.
 SingularValues singular_values(const Eigen::MatrixXd& A);
 
 /// The x that makes |A x - b| smallest, by QR with column pivoting.

@@ -19,6 +19,7 @@ struct Law {
   std::unique_ptr<PointLaw<2>> (*section)(const std::vector<double>& theta, Plane plane, bool averages) = nullptr;
   std::unique_ptr<PointLaw<3>> (*solid)(const std::vector<double>& theta, bool averages) = nullptr;
 };
+/// The law of that id; lives as long as the program.
 const Law& law_named(std::string_view id);
 
 /// Ids of all laws, for help texts and messages.

@@ -29,8 +29,9 @@ class PointLaw {
   virtual Tangent<double, D> rest_tangent(const Tensor<double, D>& H) const = 0;
   /// dP/dtheta_j with the law's j-th constant.
   virtual Tensor<double, D> stress_derivative(const Tensor<double, D>& H, int j) const = 0;
-  /// k [Pa], and dk/dtheta_j.
+  /// k [Pa], that of the law also where it is left to whom the law serves.
   virtual double volumetric_modulus() const = 0;
+  /// dk/dtheta_j.
   virtual double volumetric_modulus_derivative(int j) const = 0;
 };
 
@@ -38,7 +39,9 @@ class PointLaw {
 /// source instantiates it (see point_law_of.hpp), so that nothing else has to compile the material.
 template <class Material>
 struct PointLaws {
+  /// Of a section; `averages` has a meaning in plane strain, for laws whose volume change is a term of its own.
   static std::unique_ptr<PointLaw<2>> section(const std::vector<double>& theta, Plane plane, bool averages);
+  /// In space.
   static std::unique_ptr<PointLaw<3>> solid(const std::vector<double>& theta, bool averages);
 };
 

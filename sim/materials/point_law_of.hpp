@@ -32,6 +32,7 @@ struct Direct {
   }
 };
 
+/// A material in one of its uses, with its constants.
 template <int D, class Material, template <class> class Law>
 class PointLawOf final : public PointLaw<D> {
   using Theta = std::array<double, std::tuple_size_v<decltype(Material::parameters())>>;

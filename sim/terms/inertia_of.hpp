@@ -82,6 +82,7 @@ struct MassiveElement : ElementNodes<S> {
   }
 };
 
+/// The inertia of elements of one shape.
 template <ElementShape S>
 class Inertia final : public RegionTerm<MassiveElement<S>> {
   using Element = MassiveElement<S>;
@@ -169,6 +170,7 @@ class Inertia final : public RegionTerm<MassiveElement<S>> {
   Eigen::Matrix<double, N, N> mass_;  ///< of unit density and measure
 };
 
+/// The viscosity of elements of one shape.
 template <ElementShape S>
 class Viscosity final : public RegionTerm<ElementGeometry<S>> {
   using Element = ElementGeometry<S>;
