@@ -108,10 +108,12 @@ std::optional<Section> answer(const RunRecord& record) {
   const FitResult& fit = record.fit;
   std::string out = "<div class=\"answer\">\n";
   if (fit.status != FitStatus::converged) {
-    out += paragraph(fmt::format("The fit has not converged ({}): {} Do not use the numbers below as results.",
-                                 name_of(fit.status), fit.message),
-                     "warning");
+    out += paragraph(fmt::format("No result: the fit is {}: {}.", name_of(fit.status), fit.message), "warning");
+    return Section{out + "</div>\n"};
   }
+  if (misses_readings(fit))
+    out +=
+        paragraph("The model does not describe the readings: what its parameters are worth is not known.", "warning");
   for (const ParameterEstimate& estimate : fit.parameters) {
     const Shown shown(estimate);
     out += paragraph(fmt::format("{} = {}, 95 % interval {}, {}.", estimate.spec.id, shown.with_unit(estimate.value),

@@ -71,6 +71,7 @@ std::vector<FreeParameter> free_parameters(const Experiment& experiment, const P
       parameter.start = given(settings.start, protocol.nominal()[parameter.index]);
       parameter.lower = given(settings.lower, spec.lower);
       parameter.upper = given(settings.upper, spec.upper);
+      parameter.bounds_chosen = settings.lower.has_value() && settings.upper.has_value();
       for (double value : {parameter.lower, parameter.start, parameter.upper})
         protocol.parameters().check(parameter.index, value);
       if (!(parameter.lower <= parameter.start && parameter.start <= parameter.upper &&

@@ -21,6 +21,9 @@ namespace {
 constexpr double z95 = 1.959963984540054;   ///< 97.5 % quantile of the normal distribution
 constexpr double profile_rise = z95 * z95;  ///< rise of chi squared at the ends of a 95 % profile interval
 
+/// A fall of chi squared that is another minimum: a tenth of a standard error.
+constexpr double lower_minimum = 0.01;
+
 /// A free parameter on the scale on which it is fitted: its logarithm for moduli and stiffnesses, itself otherwise.
 struct Scale {
   bool logarithmic;
@@ -129,8 +132,8 @@ class Evaluator {
   Eigen::VectorXd point_;
   Prediction prediction_;
   bool ok_ = false;
-  std::string phase_ = "search";
-  int phase_end_ = 8;  ///< where it usually ends: searches of the shipped experiments take 3 to 8, rarely more
+  std::string phase_;
+  int phase_end_ = 0;  ///< where it usually ends
 };
 
 /// All residuals as one block, because one simulation yields them all.
@@ -270,9 +273,10 @@ bool step_in_compliance(Evaluator& evaluator, Eigen::VectorXd& q) {
 /// going from the optimum in direction `sign`. Fitted scale.
 class ProfileEnd {
  public:
-  /// `covariance` says how the other parameters follow, to first order. The points looked at are added to `visited`.
+  /// `covariance` says how the other parameters follow, to first order. The points looked at are added to `visited`,
+  /// and the lowest of them is `lowest` if that was higher; the search ends there.
   ProfileEnd(Evaluator& evaluator, const Minimum& best, const Eigen::MatrixXd& covariance, Eigen::Index j, int sign,
-             const FitOptions& options, std::vector<std::pair<double, double>>& visited)
+             const FitOptions& options, std::vector<std::pair<double, double>>& visited, Minimum& lowest)
       : evaluator_(evaluator),
         best_(best),
         slopes_(covariance.col(j)),
@@ -280,6 +284,7 @@ class ProfileEnd {
         sign_(sign),
         options_(options),
         visited_(visited),
+        lowest_(lowest),
         inner_{best.q[j], 0, best.q},
         outer_(inner_),
         start_(best.q) {
@@ -318,6 +323,10 @@ class ProfileEnd {
       }
     }
     if (std::isfinite(rise)) visited_.emplace_back(evaluator_.scale(j_).outside(q), rise);
+    if (best_.chi_squared + rise < lowest_.chi_squared) {
+      lowest_.q = start_;
+      lowest_.chi_squared = best_.chi_squared + rise;
+    }
     return {q, rise, start_};
   }
 
@@ -332,7 +341,7 @@ class ProfileEnd {
   bool enclose(double step) {
     const Scale& scale = evaluator_.scale(j_);
     for (int expansion = 0; expansion < 12; ++expansion, step *= 2) {
-      if (evaluator_.stopped()) return false;
+      if (evaluator_.stopped() || lowest_.chi_squared < best_.chi_squared - lower_minimum) return false;
       const double q = inner_.q + sign_ * step;
       const bool at_bound = sign_ > 0 ? q >= scale.upper : q <= scale.lower;
       outer_ = place_at(at_bound ? (sign_ > 0 ? scale.upper : scale.lower) : q);
@@ -379,6 +388,7 @@ class ProfileEnd {
   int sign_;
   FitOptions options_;
   std::vector<std::pair<double, double>>& visited_;
+  Minimum& lowest_;
   Place inner_, outer_;
   Eigen::VectorXd start_;
 };
@@ -393,14 +403,22 @@ bool stopped_by_failures(const Evaluator& searching, const Evaluator& last, cons
   return promised_decrease(last, q, -1) > std::max(1e-3, 1e-6 * last.chi_squared());
 }
 
-/// How far a parameter is from being known, as a number without unit: its standard error on the fitted scale, for
-/// parameters that are not logarithmic as a fraction of the range it may have.
+/// What a parameter's standard error on the fitted scale is compared with, and the words for it.
+struct Size {
+  double size;
+  std::string_view words;
+};
+
+/// How far a parameter is from being known, as a number without unit: its standard error over its Size, with the others
+/// free and with them held.
 struct Spread {
   double joint, alone;
 };
 
 constexpr double well = 0.1, weak = 0.7;
 
+/// Of chi squared per degree of freedom: from here on intervals of the noise say nothing, and are not searched for.
+constexpr double no_profiles = 100;
 Verdict verdict_of(const Spread& spread) {
   if (spread.joint <= well) return Verdict::well_determined;
   if (spread.joint <= weak) return Verdict::weakly_determined;
@@ -412,7 +430,7 @@ struct VerdictWords {
   std::string_view name;
   const char* sentence;
 };
-constexpr std::array<VerdictWords, 6> verdict_words{{
+constexpr std::array<VerdictWords, 8> verdict_words{{
     {"well determined", "The readings determine {id} to {known_to}."},
     {"weakly determined",
      "The readings determine {id} to {known_to} only: its value is a rough one; more repeats or loads at which it "
@@ -426,27 +444,31 @@ constexpr std::array<VerdictWords, 6> verdict_words{{
     {"invisible",
      "The readings do not depend on {id} within their noise: its value is where the search happened to be, not a "
      "result; fix it, or measure where it matters."},
+    {"at its bound",
+     "The readings would move {id} beyond the bound that was set, and what is written is that bound, not a result: "
+     "widen "
+     "it, or ask whether the model fits."},
+    {"of a model that misses the readings",
+     "The model misses the readings by far more than their declared noise: {id} is the value with which it misses them "
+     "least, and how far that is from the truth is not known."},
     {"unknown", ""},
 }};
 
-std::string explain(const ParameterEstimate& e, const Spread& spread, const std::string& partner, double correlation,
-                    bool at_bound) {
+std::string explain(const ParameterEstimate& e, const Spread& spread, std::string_view compared_with,
+                    const std::string& partner, double correlation) {
   const std::string relative = fmt::format("{:.2g} %", 100 * spread.joint);
   const bool one_sided = e.verdict == Verdict::bounded_from_one_side;
   std::string text = fmt::format(
       fmt::runtime(verdict_words[static_cast<size_t>(e.verdict)].sentence), fmt::arg("id", e.spec.id),
-      fmt::arg("known_to", e.spec.logarithmic ? relative
-                                              : fmt::format("{} ({} of its range)",
-                                                            with_unit(e.standard_error, e.spec.unit, 2), relative)),
+      fmt::arg("known_to", e.spec.logarithmic
+                               ? relative
+                               : fmt::format("{} ({} of {})", with_unit(e.standard_error, e.spec.unit, 2), relative,
+                                             compared_with)),
       fmt::arg("side", e.lower95 ? "above" : "below"), fmt::arg("beyond", e.lower95 ? "beyond that" : "below that"),
       fmt::arg("bound", one_sided ? with_unit(e.lower95 ? *e.lower95 : *e.upper95, e.spec.unit) : ""),
       fmt::arg("partner", partner.empty() ? "the other parameters" : partner));
   if ((e.verdict == Verdict::well_determined || e.verdict == Verdict::weakly_determined) && std::abs(correlation) > 0.9)
     text += fmt::format(" It is correlated with {} ({:.2f}).", partner, correlation);
-  if (at_bound && !one_sided)
-    text +=
-        " The fit ended at a bound that was set, not at what the readings prefer: widen the bound or ask whether the "
-        "model fits.";
   return text;
 }
 
@@ -467,17 +489,25 @@ class Fit {
 
   FitResult run() {
     set_start();
-    search();
-    result_.search = cost_so_far();
-    list_estimates();
-    if (last_.prediction().values.size() == 0 || !last_.prediction().complete()) return std::move(result_);
-    judge_fit();
-    find_covariance();
-    {
-      const Search profiles(protocol_);
-      for (Eigen::Index j = 0; j < evaluator_.count(); ++j) judge_parameter(j);
+    for (int restart = 0;; ++restart) {
+      search(restart == 0);
+      add_cost(result_.search);
+      list_estimates();
+      if (last_.prediction().values.size() == 0 || !last_.prediction().complete()) return std::move(result_);
+      judge_fit();
+      if (result_.status != FitStatus::converged) return std::move(result_);
+      find_covariance();
+      lowest_ = best_;
+      {
+        const Search profiles(protocol_);
+        for (Eigen::Index j = 0; j < evaluator_.count() && !lower_found(); ++j) judge_parameter(j);
+      }
+      add_cost(result_.profiles);
+      if (!lower_found() || restart == most_restarts || evaluator_.stopped()) break;
+      best_ = lowest_;
+      evaluator_.reset();
     }
-    result_.profiles = cost_so_far();
+    judge_partners();
     return std::move(result_);
   }
 
@@ -495,11 +525,22 @@ class Fit {
     }
   }
 
-  FitCost cost_so_far() {
-    const FitCost cost{watch_.seconds(), protocol_.factorisations() - factorisations_};
+  /// What was spent since it was asked last.
+  void add_cost(FitCost& to) {
+    to.seconds += watch_.seconds();
+    to.factorisations += protocol_.factorisations() - factorisations_;
     watch_ = Stopwatch();
     factorisations_ = protocol_.factorisations();
-    return cost;
+  }
+
+  /// Looking for the ends of intervals has met a lower chi squared than the search did.
+  bool lower_found() const { return lowest_.chi_squared < best_.chi_squared - lower_minimum; }
+
+  /// Keeps the newest evaluation if it is the lowest.
+  void note_lowest() {
+    if (!(evaluator_.chi_squared() < lowest_.chi_squared)) return;
+    lowest_.q = evaluator_.point();
+    lowest_.chi_squared = evaluator_.chi_squared();
   }
 
   FitStatus search_status() const {
@@ -526,10 +567,11 @@ class Fit {
 
   /// What is reported is computed once more from the start of the protocol's path, without the fit's history. Should
   /// the history have led to another equilibrium than that path does, the fit goes on from there.
-  void search() {
+  void search(bool first) {
+    evaluator_.begin("search", 8);  // of the shipped experiments they take 3 to 8, rarely more
     for (int round = 0; round < 3; ++round) {
       last_.reset();
-      search_once(round == 0);
+      search_once(first && round == 0);
       result_.iterations += std::max(0, static_cast<int>(best_.summary.iterations.size()) - 1);
       result_.message = best_.summary.termination_type == ceres::USER_SUCCESS ? "a further step promises nothing more"
                                                                               : best_.summary.message;
@@ -560,6 +602,7 @@ class Fit {
 
   void list_estimates() {
     const std::vector<double> values = evaluator_.values(best_.q);
+    result_.parameters.clear();
     for (size_t j = 0; j < free_.size(); ++j) {
       ParameterEstimate& estimate = result_.parameters.emplace_back();
       estimate.spec = protocol_.parameters()[free_[j].index];
@@ -609,24 +652,89 @@ class Fit {
     result_.prediction_se = (D * root).rowwise().norm();
   }
 
+  /// Positive quantities are compared with themselves, others with the range that was chosen for them; where nobody
+  /// chose one, with the change that would change the readings by as much as they are, at most with all that is
+  /// possible.
+  Size size_of(Eigen::Index j) const {
+    const FreeParameter& free = free_[static_cast<size_t>(j)];
+    const ParameterEstimate& estimate = result_.parameters[static_cast<size_t>(j)];
+    if (estimate.spec.logarithmic) return {1, ""};
+    if (estimate.spec.lower >= 0) return {std::max(std::abs(estimate.value), 1e-12), "itself"};
+    if (free.bounds_chosen) return {ranges_[j], "its range"};
+    double readings = 0;
+    for (const Measurement& m : measurements_) readings += std::pow(m.value / m.sigma, 2);
+    const double own = std::sqrt(readings) / std::max(jacobian_.col(j).norm(), 1e-150);
+    return {std::min(own, estimate.upper - estimate.lower), "what would double the readings"};
+  }
+
+  /// Whether chi squared would fall by more than the noise's one if the parameter might leave the bound that it is at.
+  bool held_by_bound(Eigen::Index j) const {
+    const Scale& scale = evaluator_.scale(j);
+    if (scale.room(best_.q[j]) >= 1e-6 * ranges_[j]) return false;
+    const bool at_upper = scale.upper - best_.q[j] < best_.q[j] - scale.lower;
+    const double downhill = -jacobian_.col(j).dot(last_.residuals());
+    return downhill * (at_upper ? 1 : -1) > jacobian_.col(j).norm();
+  }
+
   /// Verdict, interval and the words for them.
   void judge_parameter(Eigen::Index j) {
     ParameterEstimate& estimate = result_.parameters[static_cast<size_t>(j)];
-    const Scale& scale = evaluator_.scale(j);
-    const Spread spread{deviations_[j] / ranges_[j], 1 / std::max(jacobian_.col(j).norm(), 1e-150) / ranges_[j]};
+    const auto [size, compared_with] = size_of(j);
+    const Spread spread{deviations_[j] / size, 1 / std::max(jacobian_.col(j).norm(), 1e-150) / size};
     estimate.verdict = verdict_of(spread);
-    estimate.standard_error = spread.joint < 10 ? deviations_[j] * scale.slope(estimate.value) : not_a_number;
+    estimate.standard_error =
+        deviations_[j] < 10 * ranges_[j] ? deviations_[j] * evaluator_.scale(j).slope(estimate.value) : not_a_number;
+    if (estimate.verdict == Verdict::well_determined && estimate.standard_error > std::abs(estimate.value))
+      estimate.verdict = Verdict::weakly_determined;
     find_interval(j, estimate);
-    std::string partner;
-    double strongest = 0;
+    const bool determined =
+        estimate.verdict == Verdict::well_determined || estimate.verdict == Verdict::weakly_determined;
+    if (misses_readings(result_) && determined) estimate.verdict = Verdict::of_a_wrong_model;
+    if (held_by_bound(j)) {
+      estimate.verdict = Verdict::at_its_bound;
+      estimate.lower95 = estimate.upper95 = std::nullopt;
+      estimate.standard_error = not_a_number;
+    }
+    const auto [partner, correlation] = partner_of(j);
+    const std::string name = partner < 0 ? "" : result_.parameters[static_cast<size_t>(partner)].spec.id;
+    estimate.explanation = explain(estimate, spread, compared_with, name, correlation);
+  }
+
+  /// The parameter that j is correlated with most, -1 when it is alone, and how much.
+  std::pair<Eigen::Index, double> partner_of(Eigen::Index j) const {
+    std::pair<Eigen::Index, double> strongest{-1, 0};
     for (Eigen::Index i = 0; i < evaluator_.count(); ++i) {
       const double c = result_.correlation(j, i);
-      if (i == j || !(std::abs(c) > std::abs(strongest))) continue;
-      strongest = c;
-      partner = result_.parameters[static_cast<size_t>(i)].spec.id;
+      if (i != j && std::abs(c) > std::abs(strongest.second)) strongest = {i, c};
     }
-    const bool at_bound = scale.room(best_.q[j]) < 1e-6 * ranges_[j];
-    estimate.explanation = explain(estimate, spread, partner, strongest, at_bound);
+    return strongest;
+  }
+
+  /// What is tied to a parameter, or to one that a bound holds, is not determined well.
+  void judge_partners() {
+    for (Eigen::Index j = 0; j < evaluator_.count(); ++j) {
+      ParameterEstimate& estimate = result_.parameters[static_cast<size_t>(j)];
+      const auto [partner, correlation] = partner_of(j);
+      if (estimate.verdict != Verdict::well_determined || std::abs(correlation) < 0.9) continue;
+      const ParameterEstimate& other = result_.parameters[static_cast<size_t>(partner)];
+      if (other.verdict != Verdict::tied && other.verdict != Verdict::at_its_bound) continue;
+      estimate.verdict = Verdict::weakly_determined;
+      estimate.explanation += fmt::format(" And {} is {}.", other.spec.id, name_of(other.verdict));
+    }
+  }
+
+  /// Whether chi squared rises at both ends of the parabola's interval as that promises, to a fifth, with the others
+  /// following to first order.
+  bool parabola_holds(Eigen::Index j) {
+    for (const int sign : {-1, 1}) {
+      if (evaluator_.stopped()) return true;
+      Eigen::VectorXd q = best_.q + sign * z95 / deviations_[j] * result_.covariance.col(j);
+      for (Eigen::Index i = 0; i < q.size(); ++i) q[i] = evaluator_.scale(i).clamped(q[i]);
+      if (!evaluator_.evaluate(q)) return false;
+      note_lowest();
+      if (!(std::abs((evaluator_.chi_squared() - best_.chi_squared) / profile_rise - 1) <= 0.2)) return false;
+    }
+    return true;
   }
 
   /// The parabola's interval, or where that cannot be trusted that of the profile likelihood.
@@ -635,16 +743,19 @@ class Fit {
     const double reach = z95 * deviations_[j];
     std::optional<double> low = best_.q[j] - reach, high = best_.q[j] + reach;
     const bool doubtful = estimate.verdict != Verdict::well_determined || *low < scale.lower || *high > scale.upper;
+    const bool profiles = options_.profiles && !evaluator_.stopped() &&
+                          result_.chi_squared < no_profiles * std::max(result_.dof, 1) && !held_by_bound(j);
     if (doubtful) low = high = std::nullopt;
-    if (options_.profiles && (doubtful || options_.all_profiles) && !evaluator_.stopped()) {
+    evaluator_.begin("interval of " + estimate.spec.id, 2);
+    if (profiles && (doubtful || options_.all_profiles || !parabola_holds(j))) {
       const double guess = std::min(reach, scale.logarithmic ? 1.0 : 0.25 * ranges_[j]);
       estimate.profile.emplace_back(estimate.value, 0.0);
       evaluator_.begin("profile of " + estimate.spec.id, doubtful ? 24 : 8);  // what the push-puppet module's take
       const auto end = [&](int sign) {
-        return ProfileEnd(evaluator_, best_, result_.covariance, j, sign, options_, estimate.profile)
+        return ProfileEnd(evaluator_, best_, result_.covariance, j, sign, options_, estimate.profile, lowest_)
             .find(guess, estimate.verdict == Verdict::tied);
       };
-      const std::optional<double> down = end(-1), up = end(+1);
+      const std::optional<double> down = end(-1), up = lower_found() ? std::nullopt : end(+1);
       if (!evaluator_.stopped()) {  // half a search is worth less than the parabola, or than nothing
         low = down;
         high = up;
@@ -656,10 +767,13 @@ class Fit {
         estimate.verdict = Verdict::bounded_from_one_side;
       if (estimate.verdict == Verdict::invisible && low && high) estimate.verdict = Verdict::weakly_determined;
     }
+    if (estimate.verdict == Verdict::well_determined && profiles && !(low && high))
+      estimate.verdict = Verdict::weakly_determined;
     if (low) estimate.lower95 = scale.outside(*low);
     if (high) estimate.upper95 = scale.outside(*high);
   }
 
+  static constexpr int most_restarts = 4;
   Protocol& protocol_;
   const std::vector<Measurement>& measurements_;
   const std::vector<FreeParameter>& free_;
@@ -667,7 +781,7 @@ class Fit {
   Evaluator evaluator_, last_;  ///< of the search; of the cold replay after it
   Stopwatch watch_;
   int factorisations_;
-  Minimum best_;
+  Minimum best_, lowest_;  ///< of the search; met since, where intervals were looked for
   FitResult result_;
   Eigen::MatrixXd jacobian_;             ///< at the end, fitted scale
   Eigen::VectorXd ranges_, deviations_;  ///< per parameter, fitted scale
@@ -684,6 +798,10 @@ std::string_view name_of(FitStatus status) {
   constexpr std::array<std::string_view, 4> names{"converged", "not converged", "start failed", "interrupted"};
   const auto i = static_cast<size_t>(status);
   return i < names.size() ? names[i] : "";
+}
+
+bool misses_readings(const FitResult& fit) {
+  return fit.dof > 0 && fit.chi_squared_p < 1e-6;
 }
 
 Eigen::VectorXd standard_errors(const Prediction& prediction, const ParameterTable& table, const Params& p,

@@ -19,6 +19,7 @@ struct FreeParameter {
   double start = 0;  ///< SI, as the bounds
   double lower = 0;
   double upper = 0;
+  bool bounds_chosen = true;  ///< both bounds come from somebody who knows, not from what is possible at all
 };
 
 /// A measured value of one row of the protocol.
@@ -36,7 +37,9 @@ enum class Verdict {
   bounded_from_one_side,  ///< the interval is open on one side
   tied,                   ///< visible alone, but not to be told apart from another free parameter
   invisible,              ///< the readings do not depend on it within their noise
-  unknown                 ///< the fit ended before its uncertainty was worked out
+  at_its_bound,           ///< the readings would move it beyond the bound that it was given
+  of_a_wrong_model,       ///< the model misses the readings: what its parameters are worth is not known
+  unknown                 ///< the fit has no optimum, or ended before the uncertainty was worked out
 };
 std::string_view name_of(Verdict verdict);  ///< "well determined"
 
@@ -98,6 +101,10 @@ struct FitResult {
   std::vector<std::string> failures;  ///< sentences of the failed simulations, the first few
 };
 
+/// Whether a chi squared as large as the fit's has a probability below 1e-6 under the declared noise: the model does not
+/// describe the readings, or the sigmas are far too small.
+bool misses_readings(const FitResult& fit);
+
 /// Where a fit is, for those who watch.
 struct FitProgress {
   std::string phase;     ///< "search", "cold replay" of its result, "profile of <id>"
@@ -111,7 +118,7 @@ struct FitProgress {
 struct FitOptions {
   int max_iterations = 60;
   double tolerance = 1e-6;    ///< relative decrease of chi squared at which the fit ends: some thousandths of a sigma
-  bool profiles = true;       ///< search interval ends by profile likelihood where the parabola cannot be trusted
+  bool profiles = true;       ///< search interval ends by profile likelihood where the parabola does not hold
   bool all_profiles = false;  ///< and for all other parameters too
   Params held;                ///< values of the parameters that are not free; empty: the protocol's nominal ones
   const std::atomic<bool>* stop = nullptr;
@@ -128,8 +135,11 @@ Eigen::VectorXd standard_errors(const Prediction& prediction, const ParameterTab
 /// within bounds. Displacements are fitted, not stiffnesses: the mean of 1/x is not 1/mean. A simulation that fails
 /// shortens the step; only one that fails at the start ends the fit (status start_failed). Standard errors are first
 /// order, C = (J^T J)^-1 with the sigmas taken as absolute; intervals are symmetric on the fitted scale (so asymmetric
-/// in a modulus) and replaced by profile-likelihood ones where a parameter is not well determined. Throws InputError
-/// when there are fewer measurements than free parameters, or a start outside its bounds.
+/// in a modulus) and replaced by profile-likelihood ones where a parameter is not well determined, or where chi squared
+/// at one of their ends does not rise as they promise. Where that search meets a lower chi squared, the fit goes on
+/// from there. Without a minimum there are no standard errors, intervals and verdicts; and no profiles where the model
+/// misses the readings by far. Throws InputError when there are fewer measurements than free parameters, or a start
+/// outside its bounds.
 FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, const std::vector<FreeParameter>& free,
               const FitOptions& options = {});
 

@@ -34,6 +34,7 @@ struct CommandOptions {
   bool quiet = false;
   bool no_variants = false;  ///< fit: without the [[fit.variant]] ones
   bool fresh = false;        ///< fit: not from where an interrupted run stopped
+  bool anyway = false;       ///< predict: also from a fit without a result
   int threads = 0;
   std::string command_line;
   const std::atomic<bool>* stop = nullptr;  ///< raised by Ctrl-C

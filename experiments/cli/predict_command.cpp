@@ -12,6 +12,7 @@
 #include "reports/axes.hpp"
 #include "reports/run_record.hpp"
 #include "sim/core/error.hpp"
+#include "sim/core/numbers.hpp"
 
 namespace taut {
 namespace {
@@ -105,9 +106,10 @@ int predict_main(const CommandOptions& options) {
     throw InputError("taut predict: --rows FILE is missing; give a CSV file with the load columns of the bench");
   settle_run_folder(options.target);
   const RunRecord record = read_run(options.target);
-  if (record.fit.covariance.size() == 0) {
-    throw InputError(fmt::format("{}: its fit has no result to predict from ({}: {}); run the fit again",
-                                 options.target, name_of(record.fit.status), record.fit.message));
+  if (record.fit.covariance.size() == 0 && !options.anyway) {
+    throw InputError(fmt::format(
+        "{}: its fit has no result to predict from ({}: {}); run the fit again, or see what it would be with --anyway",
+        options.target, name_of(record.fit.status), record.fit.message));
   }
   const std::unique_ptr<Bench> whole =
       open_bench(experiment_of_run(record, options.target), {options.threads, options.stop});
@@ -123,7 +125,14 @@ int predict_main(const CommandOptions& options) {
   Progress progress(options.quiet);
   progress.say(fmt::format("predicting {} rows with {} unknowns", bench->readings().size(), bench->unknowns()));
   const Prediction prediction = protocol.predict(p, indices_of(free));
-  const Eigen::VectorXd se = standard_errors(prediction, protocol.parameters(), p, free, record.fit.covariance);
+  Eigen::VectorXd se = standard_errors(prediction, protocol.parameters(), p, free, record.fit.covariance);
+  if (record.fit.covariance.size() == 0) {
+    se.setConstant(not_a_number);
+    progress.say(fmt::format("THE FIT HAS NO RESULT ({}): values where its search ended, without errors",
+                             name_of(record.fit.status)));
+  } else if (misses_readings(record.fit)) {
+    progress.say("THE MODEL DID NOT DESCRIBE THE READINGS that it was fitted to: the bands count their noise only");
+  }
   const std::vector<PredictedRow> rows = predicted_rows(record, *bench, prediction, se);
   if (options.json)
     fmt::print("{}\n", predicted_json(record, rows).dump(2));
@@ -138,6 +147,7 @@ int predict_main(const CommandOptions& options) {
 void add_predict_options(AddOption add, CommandOptions& options) {
   add_threads(add, options);
   add("rows", po::value(&options.rows)->value_name("FILE"), "CSV file with the load columns of the bench (required)");
+  add("anyway", po::bool_switch(&options.anyway), "also from a fit without a result, without errors");
 }
 
 }  // namespace

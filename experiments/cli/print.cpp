@@ -33,6 +33,10 @@ std::string interval_text(const ParameterEstimate& e) {
 
 void print_parameter(const RunRecord& record, size_t j) {
   const ParameterEstimate& e = record.fit.parameters[j];
+  if (record.fit.status != FitStatus::converged) {
+    fmt::print("{}: the search ended at {}, which is no result\n", e.spec.id, with_unit(e.value, e.spec.unit));
+    return;
+  }
   std::string shares, biases;
   for (const DiscretisationShare& share : record.shares) {
     const double most = std::abs(share.bias[j]) + (std::isfinite(share.error[j]) ? share.error[j] : 0);
@@ -51,7 +55,7 @@ void print_goodness(const FitResult& fit) {
   if (fit.lack_of_fit.available)
     fmt::print("; lack of fit F = {:.3g} (p = {:.2g})", fit.lack_of_fit.F, fit.lack_of_fit.p_value);
   fmt::print("\n");
-  if (fit.chi_squared_p < 0.05 && fit.dof > 0) {
+  if (fit.chi_squared_p < 0.05 && fit.dof > 0 && !misses_readings(fit)) {
     fmt::print(
         "  the curve misses the readings by more than the declared sigmas: model or sigmas are not right somewhere; if "
         "it were noise, standard errors would be {:.2g} times as large\n",
@@ -121,6 +125,14 @@ void print_fit(const RunRecord& record) {
                         [&](const ParameterEstimate& e) { return e.spec.id == id; });
   };
   if (record.simulated) fmt::print("SIMULATED DATA: the readings were made by a program, not measured.\n");
+  if (fit.status != FitStatus::converged) {
+    fmt::print("NO RESULT: the fit is {}: {}\n", name_of(fit.status), fit.message);
+  } else if (misses_readings(fit)) {
+    fmt::print(
+        "THE MODEL DOES NOT DESCRIBE THE READINGS: it misses them by {:.2g} standard deviations (root mean square); "
+        "look for the readings that it misses most, units and signs, dimensions and the law, before the values below\n",
+        std::sqrt(fit.chi_squared / fit.dof));
+  }
   for (size_t j = 0; j < fit.parameters.size(); ++j) print_parameter(record, j);
   print_goodness(fit);
   for (const DiagnosticRecord& diagnostic : record.diagnostics) {

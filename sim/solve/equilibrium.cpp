@@ -332,7 +332,7 @@ bool Equilibrium::slipped(const Eigen::VectorXd& u_before, const Params& p_befor
                           const Eigen::VectorXd& predicted) const {
   const double change = largest(u_ - u_before);
   double miss = predicted.size() == 0 ? change : largest(u_ - predicted);
-  const double allowed = std::max(0.05 * model_->length_scale(), 0.3 * change);
+  const double allowed = std::max(0.01 * model_->length_scale(), 0.3 * change);
   if (miss <= allowed) return false;
   if (has_factor_) {
     const Eigen::VectorXd back = motion(p_).along(u_, predicted_step(p_before, false), 1.0);
@@ -377,12 +377,10 @@ bool Equilibrium::refactorise() {
   return has_factor_ = std::isfinite(out.energy) && hessian_.factorise();
 }
 
-const SolveReport& Equilibrium::solve(const Params& p, Polish polish) {
-  report_ = {};
-  polish_ = polish;
-  if (std::exchange(step_, nullptr) != nullptr) has_factor_ = false;
-  const int factorisations = hessian_.factorisations();
+/// Load steps from the current state to `p`, with slips looked for where `check_path`.
+void Equilibrium::advance(const Params& p, bool check_path) {
   const Params start = p_;
+  const int most = report_.iterations + options_.max_total_iterations;
   const double smallest_step = std::ldexp(1.0, -options_.max_halvings);
   constexpr double smallest_followed = 1.0 / 64;  // a slip within a shorter load step counts as one
   const double longest_step = 1.0 / options_.load_steps;
@@ -393,9 +391,9 @@ const SolveReport& Equilibrium::solve(const Params& p, Polish polish) {
     const Params next = target == 1.0 ? p : Params(start + target * (p - start));
     // Supports that move far in one go invert the elements beside them, unless the whole body is predicted to follow; a
     // checked path needs its prediction too.
-    if (model_->support_moves(p_, next) || (options_.check_path && next != p_)) refactorise();
+    if (model_->support_moves(p_, next) || (check_path && next != p_)) refactorise();
     Eigen::VectorXd u = predict(next);
-    const bool checked = options_.check_path && next != p_;
+    const bool checked = check_path && next != p_;
     const Eigen::VectorXd predicted = checked && has_factor_ ? u : Eigen::VectorXd();
     report_.status = passes_through(next, u) ? SolveStatus::infeasible_start : settle(u, next);
     if (report_.status == SolveStatus::converged) {
@@ -426,11 +424,32 @@ const SolveReport& Equilibrium::solve(const Params& p, Polish polish) {
       if (!std::isfinite(out.energy)) break;  // shorter steps start from the same state
     }
     step *= 0.5;
-    if (step < smallest_step || report_.iterations >= options_.max_total_iterations) {
+    if (step < smallest_step || report_.iterations >= most) {
       if (report_.status != SolveStatus::not_a_minimum) report_.status = SolveStatus::load_step_limit;
       break;
     }
     refactorise();  // for the predictor of the shorter step
+  }
+}
+
+const SolveReport& Equilibrium::solve(const Params& p, Polish polish) {
+  report_ = {};
+  polish_ = polish;
+  if (std::exchange(step_, nullptr) != nullptr) has_factor_ = false;
+  const int factorisations = hessian_.factorisations();
+  const Eigen::VectorXd u_start = u_;
+  const Params p_start = p_;
+  advance(p, options_.check_path);
+  // Just beyond the end of a path (a limit load) Newton's method only creeps; from farther away the load drives the
+  // body to where the slip ends.
+  if (options_.check_path && report_.status == SolveStatus::load_step_limit) {
+    const double end = report_.slipped ? report_.slipped_after : report_.reached;
+    start_at(u_start, p_start);
+    report_.reached = 0;
+    report_.load_steps = 0;
+    advance(p, false);
+    report_.slipped = true;
+    report_.slipped_after = end;
   }
   report_.factorisations = hessian_.factorisations() - factorisations;
   return report_;

@@ -150,6 +150,7 @@ class Equilibrium {
   Eigen::VectorXd predict(const Params& p) const;
   bool passes_through(const Params& p, const Eigen::VectorXd& u) const;
   bool slipped(const Eigen::VectorXd& u_before, const Params& p_before, const Eigen::VectorXd& predicted) const;
+  void advance(const Params& p, bool check_path);
   Eigen::VectorXd right_hand_side(int index) const;
   bool factorise(bool& exact, const Eigen::VectorXd& u, const Params& p, Eigen::VectorXd& gradient);
   Motion motion(const Params& p) const {

@@ -12,7 +12,7 @@ namespace {
 
 using namespace test;
 
-constexpr double kZ95 = 1.959963984540054;
+constexpr double kNormal95 = 1.959963984540054;
 const Eigen::VectorXd kLoads = Eigen::VectorXd::LinSpaced(6, 1, 6);
 
 void expect_says(const std::string& text, const std::vector<std::string>& parts) {
@@ -44,7 +44,7 @@ TEST(Verdict, AModulusTooLargeToShowIsBoundedFromBelowOnly) {
   ASSERT_TRUE(k.lower95);
   EXPECT_FALSE(k.upper95);
   // Chi squared rises by z95^2 where |F| / k = z95 sigma, as long as the optimum itself is beyond sight.
-  EXPECT_NEAR(*k.lower95, kLoads.norm() / (kZ95 * sigma), 0.02 * *k.lower95);
+  EXPECT_NEAR(*k.lower95, kLoads.norm() / (kNormal95 * sigma), 0.02 * *k.lower95);
   expect_says(k.explanation, {"above", "nothing more"});
   expect_says(k.explanation, {with_unit(*k.lower95, "Pa")});
 }
@@ -59,7 +59,7 @@ TEST(Verdict, AModulusTooSmallToShowIsBoundedFromAboveOnly) {
   EXPECT_FALSE(k.lower95);
   ASSERT_TRUE(k.upper95);
   // 1/100 - 1/(100 + k) = z95 sigma / |F|
-  const double miss = kZ95 * 2e-4 / kLoads.norm();
+  const double miss = kNormal95 * 2e-4 / kLoads.norm();
   EXPECT_NEAR(*k.upper95, 1 / (0.01 - miss) - 100, 0.03 * *k.upper95);
   expect_says(k.explanation, {"below", "nothing more"});
 }
@@ -172,13 +172,85 @@ TEST(Verdict, AParameterWithoutInfluenceIsInvisible) {
 }
 
 TEST(Verdict, APlainNumberIsJudgedByTheRangeItMayHave) {
-  // The same readings: an offset known to 0.01 is much in a range of 0.02 and nothing in a range of 20.
-  for (const auto& [range, verdict] : {std::pair{20.0, Verdict::well_determined}, {0.05, Verdict::weakly_determined}}) {
+  // The same readings: an offset known to 0.01 is little in a range of 20 and much in one of 0.08.
+  for (const auto& [range, verdict] : {std::pair{20.0, Verdict::well_determined}, {0.08, Verdict::weakly_determined}}) {
     ClosedFormProtocol protocol = straight_line(kLoads);
-    const FitResult result = fit(protocol, measured(Eigen::VectorXd::Zero(6), 0.01 * std::sqrt(6.0)),
+    const FitResult result = fit(protocol, measured(Eigen::VectorXd::Constant(6, 0.0105), 0.01 * std::sqrt(6.0)),
                                  {{0, 0.1 * range, -0.5 * range, 0.5 * range}});
     EXPECT_EQ(result.parameters[0].verdict, verdict) << result.parameters[0].explanation;
     EXPECT_NEAR(result.parameters[0].standard_error, 0.01, 1e-9);
+  }
+}
+
+TEST(Verdict, APositiveNumberIsComparedWithItself) {
+  // A thickness of 1 known to 0.5, whatever it was allowed to be.
+  for (const double most : {2.1, 1e3}) {
+    ParameterSpec thickness{"thickness", "t", "m", 0, 1e3, ""};
+    ClosedFormProtocol protocol{{{thickness, 1.0}},
+                                [](const Params& p) -> Eigen::VectorXd { return Eigen::VectorXd::Constant(4, p[0]); },
+                                [](const Params&) -> Eigen::MatrixXd { return Eigen::MatrixXd::Ones(4, 1); }};
+    const FitResult result = fit(protocol, measured(Eigen::VectorXd::Ones(4), 1.0), {{0, 0.9, 0.01, most}});
+    EXPECT_EQ(result.parameters[0].verdict, Verdict::weakly_determined) << result.parameters[0].explanation;
+  }
+}
+
+TEST(Verdict, WithoutChosenBoundsTheReadingsAreTheScale) {
+  for (const auto& [sigma, verdict] : {std::pair{0.1, Verdict::well_determined}, {1.0, Verdict::weakly_determined}}) {
+    ClosedFormProtocol protocol = straight_line(Eigen::VectorXd::Ones(4));
+    const FitResult result = fit(protocol, measured(Eigen::VectorXd::Ones(4), sigma), {{0, 0.9, -1e9, 1e9, false}});
+    EXPECT_EQ(result.parameters[0].verdict, verdict) << result.parameters[0].explanation;
+  }
+}
+
+TEST(Verdict, WhatMissesTheReadingsDeterminesNothing) {
+  ClosedFormProtocol protocol = compliance();
+  Eigen::VectorXd y = kLoads / 1000;
+  y[2] *= 10;  // a slipped decimal
+  const FitResult result = fit(protocol, measured(y, 1e-6), {{0, 500, 1, 1e6}});
+  EXPECT_EQ(result.status, FitStatus::converged);
+  EXPECT_TRUE(misses_readings(result));
+  EXPECT_EQ(result.parameters[0].verdict, Verdict::of_a_wrong_model);
+  EXPECT_TRUE(result.parameters[0].profile.empty()) << "nothing to look for at such a chi squared";
+}
+
+// ---- intervals where chi squared is no parabola
+
+TEST(Fit, AnIntervalWhoseEndsDoNotRiseAsPromisedBecomesAProfile) {
+  // y = d + 2 d^2 with x = 1 + d: chi squared is (y / sigma)^2, and 3.84 where y = +-1.96 sigma.
+  ParameterSpec spec{"x", "x", "1", -10, 10, ""};
+  ClosedFormProtocol protocol{
+      {{spec, 1.0}},
+      [](const Params& p) -> Eigen::VectorXd {
+        const double d = p[0] - 1;
+        return Eigen::VectorXd::Constant(1, d + 2 * d * d);
+      },
+      [](const Params& p) -> Eigen::MatrixXd { return Eigen::MatrixXd::Constant(1, 1, 1 + 4 * (p[0] - 1)); }};
+  const FitResult result = fit(protocol, measured(Eigen::VectorXd::Zero(1), 0.1 / kNormal95), {{0, 1.02, 0, 3}});
+  const ParameterEstimate& x = result.parameters[0];
+  ASSERT_EQ(x.verdict, Verdict::well_determined) << x.explanation;
+  EXPECT_NEAR(x.value, 1, 1e-6);
+  ASSERT_TRUE(x.lower95 && x.upper95);
+  EXPECT_NEAR(*x.lower95, 1 + (-1 + std::sqrt(1 - 0.8)) / 4, 0.03 * 0.138);
+  EXPECT_NEAR(*x.upper95, 1 + (-1 + std::sqrt(1 + 0.8)) / 4, 0.03 * 0.085);
+}
+
+TEST(Fit, ALowerMinimumThatAnIntervalMeetsIsTheResult) {
+  // Wells a distance of 0.06 apart on a slope: from the one at 1 the profile comes by the deeper one at 0.94.
+  constexpr double apart = 0.06, deep = 1.87, pi = 3.14159265358979;
+  ParameterSpec spec{"x", "x", "1", -10, 10, ""};
+  const auto wells = [](const Params& p) -> Eigen::VectorXd {
+    const double d = p[0] - 1;
+    return Eigen::Vector2d((d + apart) / (2 * apart), deep * std::sin(pi * d / apart));
+  };
+  const auto slopes = [](const Params& p) -> Eigen::MatrixXd {
+    return Eigen::Vector2d(1 / (2 * apart), deep * pi / apart * std::cos(pi * (p[0] - 1) / apart));
+  };
+  for (const double start : {1.001, 0.941}) {
+    ClosedFormProtocol protocol{{{spec, 1.0}}, wells, slopes};
+    const FitResult result = fit(protocol, measured(Eigen::VectorXd::Zero(2), 1), {{0, start, 0, 3}});
+    EXPECT_EQ(result.status, FitStatus::converged);
+    EXPECT_NEAR(result.parameters[0].value, 0.94, 1e-5) << "from " << start;
+    EXPECT_LT(result.chi_squared, 1e-6);
   }
 }
 
@@ -197,8 +269,9 @@ TEST(Fit, AFitThatEndsAtABoundSaysSo) {
   const FitResult result = fit(protocol, measured(kLoads / 1000, 1e-6), {{0, 300, 100, 400}});
   const ParameterEstimate& k = result.parameters[0];
   EXPECT_NEAR(k.value, 400, 1e-6);
-  expect_says(k.explanation, {"ended at a bound", "widen the bound"});
-  EXPECT_FALSE(k.upper95);
+  expect_says(k.explanation, {"beyond the bound that was set", "widen it"});
+  EXPECT_EQ(k.verdict, Verdict::at_its_bound);
+  EXPECT_FALSE(k.lower95 || k.upper95);
   const FitResult inside = fit(protocol, measured(kLoads / 1000, 1e-6), {{0, 300, 100, 4000}});
   EXPECT_EQ(inside.parameters[0].explanation.find("bound"), std::string::npos);
 }
@@ -300,6 +373,12 @@ TEST(Fit, TooFewIterationsAreNotConvergence) {
   const FitResult result = fit(protocol, measured(y, 1e-5), {{0, 5e4, 10, 1e5}, {1, 0.03, 0.001, 0.1}}, options);
   EXPECT_EQ(result.status, FitStatus::not_converged);
   EXPECT_LE(result.iterations, 1);
+  EXPECT_EQ(result.covariance.size(), 0) << "no result, no errors";
+  for (const ParameterEstimate& e : result.parameters) {
+    EXPECT_EQ(e.verdict, Verdict::unknown);
+    EXPECT_TRUE(std::isnan(e.standard_error));
+    EXPECT_FALSE(e.lower95 || e.upper95);
+  }
 }
 
 // ---- stopping, progress, recomputation

@@ -49,6 +49,45 @@ TEST(SlowPushPuppetLimits, EqualLipsCloseWithoutIntersection) {
   for (double drop : outcome.prediction.values) EXPECT_GT(drop, 0);
 }
 
+/// Three foam cells of 25 x 25 mm without retraction: the lips of the first gap meet at 150 g, and from 120 g on there
+/// is another equilibrium beside the path.
+Experiment three_cells() {
+  PushPuppet module;
+  module.cells = 3;
+  module.cell_length = 13.33e-3;
+  module.core_height = 25e-3;
+  module.web_thickness = 2.5e-3;
+  module.plate_thickness = 4e-3;
+  module.clearance = 2e-3;
+  module.lip_thickness = 3e-3;
+  module.gap_total = 11e-3;
+  module.cable_offset = 16e-3;
+  Experiment e = reference_module();
+  set_module(e, module);
+  e.geometry.thickness = 25e-3;
+  e.cables.k = 12e3;
+  e.cables.slack = 0.4e-3;
+  for (MaterialSettings& material : e.materials) {
+    const bool foam = material.region == "foam";
+    material.constants["E"] = foam ? 46.8e3 : 2.3e9;
+    material.constants["nu"] = foam ? 0.25 : 0.36;
+  }
+  e.mesh.size = 2.5e-3;
+  return e;
+}
+
+TEST(PushPuppetLimits, AHeavyMassHungAtOnceEndsWhereManySmallOnesLead) {
+  std::vector<double> dense{0.02, 0.06, 0.12};
+  for (double mass = 0.13; mass < 0.245; mass += 0.01) dense.push_back(mass);
+  dense.push_back(0.25);
+  const Outcome at_once = replay(three_cells(), conditions_of({0}, {0.02, 0.06, 0.12, 0.25}));
+  const Outcome slowly = replay(three_cells(), conditions_of({0}, dense));
+  ASSERT_TRUE(at_once.prediction.complete() && slowly.prediction.complete());
+  const double drop = at_once.prediction.values[3];
+  EXPECT_NEAR(drop, slowly.prediction.values[slowly.prediction.values.size() - 1], 1e-6);
+  EXPECT_LT(drop, 14e-3) << "the other equilibrium lies at 15.0 mm";
+}
+
 TEST(SlowPushPuppetLimits, AKilogramOnTheSoftModuleIsSaidToBeBeyondTheEndOfThePath) {
   const Outcome outcome = replay(reference_module(1), conditions_of({0}, {0.5, 1.0}));
   ASSERT_EQ(outcome.prediction.failures.size(), 1u);
