@@ -323,6 +323,7 @@ Simulation read_simulation(const std::string& path) {
   TableReader root = file.root();
   Simulation simulation;
   simulation.path = path;
+  simulation.encoding = file.remark();
   simulation.title = root.text("title");
   simulation.description = root.text("description", "");
   read_method(root.table("simulation"), simulation);
