@@ -12,7 +12,6 @@
 #include <iterator>
 #include <map>
 #include <optional>
-#include <set>
 
 #include "calib/data/number_style.hpp"
 #include "sim/core/text_encoding.hpp"
@@ -245,49 +244,13 @@ bool summary_word(std::string_view cell) {
   std::string word(trimmed(cell));
   while (!word.empty() && (word.back() == ':' || word.back() == '.')) word.pop_back();
   std::ranges::transform(word, word.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  static const std::set<std::string> words = {"mean",
-                                              "average",
-                                              "avg",
-                                              "median",
-                                              "std",
-                                              "sd",
-                                              "s",
-                                              "stdev",
-                                              "std dev",
-                                              "stddev",
-                                              "standard deviation",
-                                              "min",
-                                              "minimum",
-                                              "max",
-                                              "maximum",
-                                              "sum",
-                                              "total",
-                                              "range",
-                                              "cv",
-                                              "cov",
-                                              "count",
-                                              "n",
-                                              "variance",
-                                              "mittelwert",
-                                              "mittel",
-                                              "standardabweichung",
-                                              "stabw",
-                                              "summe",
-                                              "anzahl",
-                                              "varianz",
-                                              "moyenne",
-                                              "ecart type",
-                                              "\xC3\xA9"
-                                              "cart type",
-                                              "media",
-                                              "m\xC3\xA9"
-                                              "dia",
-                                              "promedio",
-                                              "gemiddelde",
-                                              "end",
-                                              "ende",
-                                              "eof"};
-  return words.contains(word);
+  constexpr std::string_view words =
+      "|mean|average|avg|median|std|sd|s|stdev|std dev|stddev|standard "
+      "deviation|min|minimum|max|maximum|sum|total|range|"
+      "cv|cov|count|n|variance|mittelwert|mittel|standardabweichung|stabw|summe|anzahl|varianz|moyenne|ecart "
+      "type|media|"
+      "promedio|gemiddelde|end|ende|eof|";
+  return words.find("|" + word + "|") != std::string_view::npos;
 }
 
 /// Which trailing rows are no readings, by what the first row of the table looks like.
@@ -453,10 +416,10 @@ CsvTable read_csv(const std::string& path, const std::vector<std::string>& wante
     table.rows.push_back({line.number, split(line.text, table, line.number)});
     after_blank.push_back(line.after_blank);
   }
+  drop_trailing_cells(table);
   const size_t all = table.rows.size();
   take_units_row(table);
   if (table.rows.size() < all) after_blank.erase(after_blank.begin());
-  drop_trailing_cells(table);
   drop_footer(table, after_blank);
   drop_trailing_cells(table);
   return table;

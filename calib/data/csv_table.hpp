@@ -56,11 +56,11 @@ struct CsvTable {
 };
 
 /// Reads a file with fast-cpp-csv-parser. The header is the line that holds most of the `wanted` names: what stands
-/// above it is a preamble; a row of units may follow; rows at the end that are none of the table (an empty line and
-/// then something else, "Mean;..", a sentence) are a footer. Lines that begin with # or % are comments. Throws
-/// InputError for a missing, unreadable, empty or binary file, an unclosed quote, and a line beyond the length limit of
-/// the parser (2^24 - 1).
-CsvTable read_csv(const std::string& path, const std::vector<std::string>& wanted);
+/// above it is a preamble (without names: the line above the first numbers); a row of units may follow; rows at the end
+/// that are none of the table (an empty line and then something else, "Mean;..", a sentence) are a footer. Lines that
+/// begin with # or % are comments. Throws InputError for a missing, unreadable, empty or binary file, an unclosed
+/// quote, and a line beyond the length limit of the parser (2^24 - 1).
+CsvTable read_csv(const std::string& path, const std::vector<std::string>& wanted = {});
 
 /// Throws InputError for a column name that is empty above readings or stands twice, and for a table without names.
 /// `ignored`: see find_column().

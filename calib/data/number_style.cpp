@@ -106,13 +106,14 @@ NumberStyle number_style(const CsvTable& table, const std::vector<size_t>& colum
     fail_mixed(table, places, *comma);
   }
   const bool plain = fitting.front().thousands == '\0' && (fitting.front().decimal == '.' || table.separator != ',');
-  if (!plain && fitting.size() > 1) {
+  for (const NumberStyle& other : fitting) {
     const auto place = std::ranges::find_if(
-        places, [&](const Place& p) { return fitting[0].number(p.text()) != fitting[1].number(p.text()); });
+        places, [&](const Place& p) { return fitting.front().number(p.text()) != other.number(p.text()); });
+    if (plain || place == places.end()) continue;
     table.fail(*place->row, place->column,
                "'{}' may be {} or {}, and no other number of the file tells which; write numbers without thousands "
                "separators, like 1234.5",
-               shown(place->text()), *fitting[0].number(place->text()), *fitting[1].number(place->text()));
+               shown(place->text()), *fitting.front().number(place->text()), *other.number(place->text()));
   }
   return fitting.front();
 }

@@ -98,6 +98,10 @@ TEST_F(WrongExperiment, UnitsThatAreMissingOrWrong) {
 }
 
 TEST_F(WrongExperiment, KeysThatAreMissing) {
+  // What is misspelt comes before what is missing for it.
+  refuses("thickness = \"20 mm\"", "thicknes = \"20 mm\"", {"unknown key 'thicknes'", "did you mean 'thickness'?"});
+  refuses("[bench]", "[bensh]", {"unknown key 'bensh'", "did you mean 'bench'?"});
+  refuses("[[channel]]", "[[chanel]]", {"unknown key 'chanel'", "did you mean 'channel'?"});
   refuses("title = \"A small beam\"\n", "", {"'title' is missing"});
   refuses("data = \"simulated\"\n", "", {"'data' is missing"});
   refuses("region = \"foam\"\n", "", {"@[geometry]", "[geometry]", "'region' is missing"});
