@@ -267,7 +267,8 @@ class Footer {
   /// Below an empty line: whatever is no row of this table.
   bool below_blank(const Cells& cells) const {
     if (plain(cells)) return true;
-    if (like_a_number(first_.front())) return !like_a_number(cells.front()) && !complete(cells, 1);
+    if (like_a_number(first_.front()))
+      return !like_a_number(cells.front()) && (cells.size() == 2 || !complete(cells, 1));
     return cells.size() != table_.header.cells.size() || !any_number(cells);
   }
 

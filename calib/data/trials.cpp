@@ -96,8 +96,8 @@ struct Sheet {
       const std::string& name = table.header.cells[i];
       if (!name.empty() && !used.contains(i) && !is_ignored(i))
         table.fail(table.header.line,
-                   "column '{}' is not used by the experiment; use it as a control or channel, or list it, or its "
-                   "number {}, under ignore",
+                   "column '{}' is not used by the experiment; use it as a control or channel, or list it under ignore "
+                   "(the name, or the number {})",
                    shown(name), i + 1);
     }
   }

@@ -304,6 +304,20 @@ std::vector<std::string> columns_without_unit(TableReader root) {
   return columns;
 }
 
+void read_tables(TableReader& root, Experiment& experiment) {
+  experiment.title = root.text("title");
+  root.text("data");
+  experiment.simulated = root.choice<bool>("data", {{"measured", false}, {"simulated", true}});
+  if (experiment.kind->specimen) read_specimen(root, experiment);
+  experiment.kind->read(root, experiment);
+  if (auto fit = root.optional_table("fit")) read_fit(*fit, experiment);
+  if (experiment.kind->specimen) {
+    if (auto solver = root.optional_table("solver")) read_solver(*solver, experiment);
+    if (auto figures = root.optional_table("figures")) read_figures(*figures, experiment);
+    refuse_without_effect(experiment);
+  }
+}
+
 /// The experiment in a file. `readings`: the bench file; "": where the experiment's file says.
 Experiment read_with_readings(const std::string& path, std::string readings) {
   const TomlFile file(path);
@@ -320,16 +334,11 @@ Experiment read_with_readings(const std::string& path, std::string readings) {
   const std::vector<std::string> columns = columns_without_unit(file.root());
   if (experiment.kind->at_rest && !columns.empty() && fs::is_regular_file(readings))
     experiment.titles = titles_in_file(readings, columns);
-  experiment.title = root.text("title");
-  root.text("data");
-  experiment.simulated = root.choice<bool>("data", {{"measured", false}, {"simulated", true}});
-  if (experiment.kind->specimen) read_specimen(root, experiment);
-  experiment.kind->read(root, experiment);
-  if (auto fit = root.optional_table("fit")) read_fit(*fit, experiment);
-  if (experiment.kind->specimen) {
-    if (auto solver = root.optional_table("solver")) read_solver(*solver, experiment);
-    if (auto figures = root.optional_table("figures")) read_figures(*figures, experiment);
-    refuse_without_effect(experiment);
+  try {
+    read_tables(root, experiment);
+  } catch (const InputError&) {
+    root.refuse_misspelt();
+    throw;
   }
   root.finish();
   return experiment;

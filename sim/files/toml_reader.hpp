@@ -80,6 +80,8 @@ class TableReader {
 
   /// Throws for the first key that nobody asked for.
   void finish();
+  /// Throws for a key that is almost one that was asked for and is not there: what a later fault may follow from.
+  void refuse_misspelt() const;
   /// An InputError at `key` (or at the table when it is empty), to be thrown by the caller for its own checks. Where
   /// the table has a misspelt key that the fault follows from, that is said instead.
   [[noreturn]] void fail(std::string_view key, const std::string& what) const;
@@ -90,9 +92,6 @@ class TableReader {
   struct Nodes;  ///< what needs the TOML library, in the source file
   TableReader(const void* table, std::string file, std::string name)
       : table_(table), file_(std::move(file)), name_(std::move(name)) {}
-
-  /// Throws for a key that is almost one that was asked for and is not there.
-  void refuse_misspelt() const;
 
   const void* table_;  ///< a toml::table
   std::string file_, name_;

@@ -90,7 +90,7 @@ TEST_F(WrongExperiment, UnitsThatAreMissingOrWrong) {
   refuses("E = \"100 kPa\"", "E = \"1,5 kPa\"", {"@E = ", "decimal point"});
   refuses("[\"60 mm\", \"12 mm\"]", "[\"60 mm\", \"12 kg\"]", {"@size", "'kg' is not a unit of length"});
   refuses("[\"60 mm\", \"12 mm\"]", "[60, 12]", {"@size", "length", "in quotes with its unit"});
-  refuses("column = \"pull_N\"", "column = \"pull\"", {"@column = \"pull\"", "[load] column", "unit"});
+  refuses("column = \"pull_N\"", "column = \"tug\"", {"@column = \"tug\"", "[load] column", "unit"});
   refuses("column = \"pull_N\"", "column = \"pull_mm\"", {"pull_mm", "length", "force"});
   refuses("start = \"50 kPa\"", "start = \"50 N\"", {"@start", "'N' is not a unit of pressure"});
   refuses("start = \"50 kPa\"", "start = 50000", {"@start", "has no unit"});
