@@ -29,7 +29,7 @@ void read_bench(TableReader table, Experiment& experiment) {
   bench.controls = {{"strain", table.text("strain"), {Quantity::pure}}};
   bench.value_column = table.text("stress");
   bench.sigma_column = table.text("sigma", "");
-  bench.ignored = table.texts_or_none("ignore");
+  bench.ignored = table.columns_or_none("ignore");
   const InstrumentNoise noise = read_noise(table, Quantity::pressure);
   if (bench.sigma_column.empty() && !noise.given()) {
     table.fail("",
@@ -169,6 +169,7 @@ Lines MaterialPointBench::describe() const {
   }
   // The first remark counts conditions and trials as if each mode were read at every strain.
   for (size_t i = 1; i < trials_.remarks.size(); ++i) lines.emplace_back("bench", trials_.remarks[i]);
+  if (!trials_.layout.empty()) lines.emplace_back("bench file", trials_.layout);
   return lines;
 }
 

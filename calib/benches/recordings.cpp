@@ -8,6 +8,7 @@
 #include <set>
 
 #include "calib/data/csv_table.hpp"
+#include "calib/data/number_style.hpp"
 #include "sim/core/error.hpp"
 #include "sim/files/tables.hpp"
 #include "sim/scene/channel_kinds.hpp"
@@ -113,33 +114,58 @@ std::map<std::string, double> material_values(const Experiment& experiment) {
 }
 
 size_t column_of(const CsvTable& table, const std::string& name) {
-  const auto found = std::find(table.header.cells.begin(), table.header.cells.end(), name);
-  if (found != table.header.cells.end()) return static_cast<size_t>(found - table.header.cells.begin());
+  if (const std::optional<size_t> found = find_column(table, name)) return *found;
   throw InputError(fmt::format("{}: there is no column '{}'{}; the file has: {}", table.at(table.header.line), name,
                                did_you_mean(name, table.header.cells), listed(table.header.cells)));
 }
 
-double number_in(const CsvTable& table, const CsvTable::Row& row, size_t column) {
-  if (const std::optional<double> number = parse_number(row.cells[column])) return *number;
-  throw InputError(fmt::format("{}: '{}' is not a finite number; write a number like 12.5 or 1.25e1, or delete the row",
-                               table.at(row, column), shown(row.cells[column])));
-}
+/// The file of a recording, with its columns of time and channels.
+struct RecordingFile {
+  CsvTable table;
+  size_t time = 0;
+  std::vector<size_t> channels;
+  NumberStyle style;
+
+  RecordingFile(const Experiment& experiment, const RecordingSettings& recording) {
+    std::vector<std::string> wanted{recordings_of(experiment).time_column};
+    for (const BenchFormat::Channel& channel : experiment.bench.channels) wanted.push_back(channel.column);
+    table = read_csv(recording.path, wanted);
+    check_names(table);
+    check_cell_counts(table);
+    std::vector<size_t> columns;
+    for (const std::string& name : wanted) columns.push_back(column_of(table, name));
+    style = number_style(table, columns);
+    time = columns.front();
+    channels.assign(columns.begin() + 1, columns.end());
+  }
+
+  double number(const CsvTable::Row& row, size_t column) const {
+    if (const std::optional<double> number = style.number(row.cells[column])) return *number;
+    throw InputError(
+        fmt::format("{}: '{}' is not a finite number; write a number like 12.5 or 1.25e1, or delete the row",
+                    table.at(row, column), shown(row.cells[column])));
+  }
+
+  /// What cells are multiplied by.
+  double unit(size_t column, Quantity quantity) const {
+    return parse_header(table.title(column), {quantity}, table.at(table.header, column)).factor;
+  }
+};
 
 void add_samples(const Experiment& experiment, size_t index, std::vector<Sample>& samples) {
   const RecordingsSettings& bench = recordings_of(experiment);
   const RecordingSettings& recording = bench.recordings[index];
-  const CsvTable table = read_csv(recording.path);
-  check_cell_counts(table);
-  const size_t time_column = column_of(table, bench.time_column);
-  const double second = parse_header(bench.time_column, {Quantity::time}, table.at(table.header, time_column)).factor;
+  const RecordingFile file(experiment, recording);
+  const CsvTable& table = file.table;
+  const double second = file.unit(file.time, Quantity::time);
   std::vector<double> times;
   for (const CsvTable::Row& row : table.rows) {
-    times.push_back(second * number_in(table, row, time_column));
+    times.push_back(second * file.number(row, file.time));
     if (times.size() > 1 && !(times.back() > times[times.size() - 2]))
       throw InputError(
           fmt::format("{}: the time {} s is not after that of the line before, {} s; put the rows in order "
                       "of time",
-                      table.at(row, time_column), times.back(), times[times.size() - 2]));
+                      table.at(row, file.time), times.back(), times[times.size() - 2]));
   }
   const auto chosen = [&](double time) { return time >= recording.from && time <= recording.until; };
   if (std::none_of(times.begin(), times.end(), chosen))
@@ -147,29 +173,34 @@ void add_samples(const Experiment& experiment, size_t index, std::vector<Sample>
                                  recording.path, recording.id, recording.from, recording.until));
   for (size_t c = 0; c < experiment.bench.channels.size(); ++c) {
     const BenchFormat::Channel& channel = experiment.bench.channels[c];
-    const size_t column = column_of(table, channel.column);
-    const double unit = parse_header(channel.column, {channel.quantity}, table.at(table.header, column)).factor;
-    std::vector<double> values;
-    for (const CsvTable::Row& row : table.rows) values.push_back(unit * number_in(table, row, column));
+    const double unit = file.unit(file.channels[c], channel.quantity);
+    std::vector<std::optional<double>> values;  // none: not taken
+    for (const CsvTable::Row& row : table.rows) {
+      const bool taken = !not_taken(row.cells[file.channels[c]]);
+      values.push_back(taken ? std::optional(unit * file.number(row, file.channels[c])) : std::nullopt);
+    }
     double reference = 0;
     if (bench.from_mean_before) {
-      const auto before = std::lower_bound(times.begin(), times.end(), 0.0) - times.begin();
+      const auto zero = std::lower_bound(times.begin(), times.end(), 0.0) - times.begin();
+      const auto before =
+          std::count_if(values.begin(), values.begin() + zero, [](const auto& v) { return v.has_value(); });
       if (before == 0)
         throw InputError(
             fmt::format("{}: recording '{}' has no sample before time 0 whose mean could be the reference; "
                         "give displacements and leave out reference = \"before\"",
                         recording.path, recording.id));
-      for (auto i = 0; i < before; ++i) reference += values[static_cast<size_t>(i)] / static_cast<double>(before);
+      for (auto i = 0; i < zero; ++i)
+        reference += values[static_cast<size_t>(i)].value_or(0) / static_cast<double>(before);
     }
     int left = 0;
     for (size_t i = 0; i < times.size(); ++i) {
-      if (!chosen(times[i]) || left++ % recording.every != 0) continue;
+      if (!chosen(times[i]) || left++ % recording.every != 0 || !values[i]) continue;
       Sample sample;
       sample.recording = static_cast<int>(index);
       sample.channel = static_cast<int>(c);
       sample.line = table.rows[i].line;
       sample.time = times[i];
-      sample.value = values[i] - reference;
+      sample.value = *values[i] - reference;
       sample.sigma = recording.sigma > 0 ? recording.sigma : channel.noise.sigma(sample.value);
       samples.push_back(sample);
     }
@@ -185,7 +216,7 @@ void read_recordings(TableReader& root, Experiment& experiment) {
   table.text("kind");
   RecordingsSettings bench;
   bench.time_column = table.text("time");
-  parse_header(bench.time_column, {Quantity::time}, table.where("time"));
+  if (unit_in_header(bench.time_column)) parse_header(bench.time_column, {Quantity::time}, table.where("time"));
   bench.from_mean_before = table.choice<bool>("reference", {{"none", false}, {"before", true}});
   check_channels(table, experiment, bench.from_mean_before);
   read_dynamics(root, experiment, bench);
@@ -222,6 +253,18 @@ void read_recordings(TableReader& root, Experiment& experiment) {
   if (bench.recordings.empty()) table.fail("", "there is no recording; add [[bench.recording]] with file and case");
   table.finish();
   experiment.own = std::move(bench);
+}
+
+std::string recording_layout(const Experiment& experiment, size_t index) {
+  const RecordingFile file(experiment, recordings_of(experiment).recordings[index]);
+  const auto missing = [&](const CsvTable::Row& row) {
+    return std::ranges::count_if(file.channels, [&](size_t column) { return not_taken(row.cells[column]); });
+  };
+  std::ptrdiff_t count = 0;
+  for (const CsvTable::Row& row : file.table.rows) count += missing(row);
+  const std::string layout = file.table.layout(file.style.describe());
+  if (count == 0) return layout;
+  return fmt::format("{}{}{} readings not taken", layout, layout.empty() ? "" : ", ", count);
 }
 
 std::vector<Sample> read_samples(const Experiment& experiment) {

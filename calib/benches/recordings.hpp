@@ -65,6 +65,9 @@ struct Sample {
 /// asked for.
 std::vector<Sample> read_samples(const Experiment& experiment);
 
+/// For people: where a recording was found in a file that holds more than a plain table, and what was not taken; or "".
+std::string recording_layout(const Experiment& experiment, size_t index);
+
 /// Samples as rows of a recording protocol, one each. Recordings of one case at one time since their release are no
 /// repeats in the sense of a static bench, since each has its own release.
 struct RecordingReplay {

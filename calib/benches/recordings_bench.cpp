@@ -162,8 +162,11 @@ Lines RecordingsBench::describe() const {
   lines.emplace_back("integrator",
                      fmt::format("{}, steps of {}", settings.integrator == Integrator::bdf2 ? "BDF2" : "implicit Euler",
                                  with_unit(settings.step, "s")));
-  for (size_t r = 0; r < settings.recordings.size(); ++r)
+  for (size_t r = 0; r < settings.recordings.size(); ++r) {
     lines.emplace_back("recording " + settings.recordings[r].id, recording_text(r));
+    if (const std::string layout = recording_layout(experiment_, r); !layout.empty())
+      lines.emplace_back("bench file", layout);
+  }
   lines.emplace_back("trajectories", std::to_string(replay_.protocol->trajectories()));
   return lines;
 }

@@ -296,6 +296,7 @@ Lines StaticBench::describe() const {
   for (const ChannelSettings& channel : e.channels) lines.emplace_back("channel " + channel.id, channel_text(channel));
   lines.emplace_back("measured from", e.from_unloaded ? "the unloaded equilibrium" : "the rest shape");
   for (const std::string& remark : trials_.remarks) lines.emplace_back("bench", remark);
+  if (!trials_.layout.empty()) lines.emplace_back("bench file", trials_.layout);
   return lines;
 }
 

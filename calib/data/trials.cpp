@@ -10,6 +10,7 @@
 #include <tuple>
 
 #include "calib/data/csv_table.hpp"
+#include "calib/data/number_style.hpp"
 #include "sim/core/error.hpp"
 
 namespace taut {
@@ -25,17 +26,6 @@ bool contains(const std::vector<std::string>& names, std::string_view name) {
   return std::ranges::find(names, name) != names.end();
 }
 
-std::optional<HeaderUnit> any_unit(std::string_view header) {
-  using enum Quantity;
-  static const std::vector<Quantity> all = {length,       area, mass,  force,     pressure,  density,
-                                            acceleration, time, angle, stiffness, line_load, pure};
-  try {
-    return parse_header(header, all, "");
-  } catch (const InputError&) {
-    return std::nullopt;
-  }
-}
-
 /// A column of numbers and what its cells are multiplied by.
 struct NumberColumn {
   size_t index = 0;
@@ -49,28 +39,32 @@ struct Sheet {
   CsvTable table;
   std::optional<size_t> trial, channel;
   std::vector<NumberColumn> controls, values, sigmas;
-  bool decimal_commas = false;
+  NumberStyle style;
+  size_t not_taken_count = 0;
 
-  Sheet(const BenchFormat& of, const std::string& path) : format(of), table(read_csv(path)) {}
+  Sheet(const BenchFormat& of, const std::string& path, const std::vector<std::string>& wanted)
+      : format(of), table(read_csv(path, wanted)) {
+    check_names(table, of.ignored);
+  }
 
   // Header to columns
 
   /// Index of a column that the experiment needs. `purpose` says for what: "control 'load'".
-  size_t find_column(const std::string& name, std::string_view purpose) const {
+  size_t find(const std::string& name, std::string_view purpose) const {
     const std::vector<std::string>& names = table.header.cells;
-    const auto found = std::ranges::find(names, name);
-    if (found != names.end()) return static_cast<size_t>(found - names.begin());
+    if (const std::optional<size_t> found = find_column(table, name, format.ignored)) return *found;
 
     std::string hint = did_you_mean(name, names);
-    if (const std::optional<HeaderUnit> wanted = any_unit(name)) {
+    if (const std::optional<HeaderUnit> wanted = unit_in_header(name)) {
       for (const std::string& candidate : names) {
-        const std::optional<HeaderUnit> present = any_unit(candidate);
+        const std::optional<HeaderUnit> present = unit_in_header(candidate);
         if (!present || present->name != wanted->name) continue;
         hint = fmt::format(" (there is '{}', in {} instead of {})", candidate, present->unit, wanted->unit);
         break;
       }
     }
     if (names.size() == 1) hint += " (columns are separated by commas, semicolons or tabs)";
+    if (table.preamble_line > 0) hint += " (the table seems to start here)";
     table.fail(table.header.line,
                "column '{}' for {} is missing; the header has: {}{}; write the same name in the header and in the "
                "experiment file",
@@ -79,16 +73,16 @@ struct Sheet {
 
   NumberColumn number_column(const std::string& name, const std::vector<Quantity>& allowed,
                              const std::string& purpose) const {
-    const size_t index = find_column(name, purpose);
-    const HeaderUnit unit = parse_header(name, allowed, table.at(table.header.line) + ", " + purpose);
+    const size_t index = find(name, purpose);
+    const HeaderUnit unit = parse_header(table.title(index), allowed, table.at(table.header.line) + ", " + purpose);
     return {index, unit.factor, unit.quantity};
   }
 
   void find_columns() {
-    if (!format.trial_column.empty()) trial = find_column(format.trial_column, "the trial");
+    if (!format.trial_column.empty()) trial = find(format.trial_column, "the trial");
     for (const BenchFormat::Control& control : format.controls)
       controls.push_back(number_column(control.column, control.quantities, fmt::format("control '{}'", control.id)));
-    if (!format.channel_column.empty()) channel = find_column(format.channel_column, "the channel's name");
+    if (!format.channel_column.empty()) channel = find(format.channel_column, "the channel's name");
     for (const auto& [id, column, quantity, noise] : format.channels) {
       values.push_back(
           number_column(channel ? format.value_column : column, {quantity}, fmt::format("channel '{}'", id)));
@@ -100,11 +94,16 @@ struct Sheet {
     if (channel) used.insert(*channel);
     for (size_t i = 0; i < table.header.cells.size(); ++i) {
       const std::string& name = table.header.cells[i];
-      if (!used.contains(i) && !contains(format.ignored, name))
+      if (!name.empty() && !used.contains(i) && !is_ignored(i))
         table.fail(table.header.line,
-                   "column '{}' is not used by the experiment; use it as a control or channel, or list it under ignore",
-                   shown(name));
+                   "column '{}' is not used by the experiment; use it as a control or channel, or list it under ignore "
+                   "(the name, or the number {})",
+                   shown(name), i + 1);
     }
+  }
+
+  bool is_ignored(size_t column) const {
+    return contains(format.ignored, table.header.cells[column]) || contains(format.ignored, numbered_column(column));
   }
 
   std::set<size_t> number_columns() const {
@@ -120,7 +119,8 @@ struct Sheet {
     if (table.rows.empty())
       table.fail(table.header.line, "there is a header but no row below it; add one row per {}", what);
     check_cell_counts(table);
-    decimal_commas = has_decimal_commas();
+    const std::set<size_t> columns = number_columns();
+    style = number_style(table, {columns.begin(), columns.end()});
   }
 
   // Cells to numbers
@@ -128,54 +128,13 @@ struct Sheet {
   /// Text of a cell that must hold something.
   const std::string& text_in(const Row& row, size_t column) const {
     if (row.cells[column].empty())
-      table.fail(row, column,
-                 "the cell is empty; fill it in or delete the row (a reading that was not taken has no row)");
+      table.fail(row, column, "the cell is empty; fill it in or delete the row (only cells of readings may be empty)");
     return row.cells[column];
-  }
-
-  /// Whether the file writes decimal commas; all its numbers must agree.
-  bool has_decimal_commas() const {
-    struct Seen {
-      const Row* row;
-      size_t column;
-    };
-    const auto text = [](const Seen& seen) { return shown(seen.row->cells[seen.column]); };
-    const std::set<size_t> columns = number_columns();
-    std::optional<Seen> comma, point;
-    for (const Row& row : table.rows) {
-      for (const size_t column : columns) {
-        const std::string& cell = row.cells[column];
-        if (cell.find_first_not_of("0123456789+-.,eE") != std::string::npos) continue;
-        const auto commas = std::ranges::count(cell, ',');
-        const auto points = std::ranges::count(cell, '.');
-        if (commas + points > 1)
-          table.fail(row, column,
-                     "'{}' has more than one comma or point; write numbers without thousands separators, like 1234.5",
-                     shown(cell));
-        if (commas == 1 && table.separator == ',')
-          table.fail(
-              row, column,
-              "'{}' has a decimal comma in a file that is separated by commas; write a decimal point, or separate "
-              "the cells by semicolons or tabs",
-              shown(cell));
-        if (commas == 1 && !comma) comma = Seen{&row, column};
-        if (points == 1 && !point) point = Seen{&row, column};
-        if (comma && point)
-          table.fail(
-              *comma->row, comma->column,
-              "'{}' has a decimal comma, but '{}' in line {}, column '{}' has a decimal point; use one of them in "
-              "the whole file",
-              text(*comma), text(*point), point->row->line, shown(table.header.cells[point->column]));
-      }
-    }
-    return comma.has_value();
   }
 
   double number_in(const Row& row, const NumberColumn& column) const {
     const std::string& cell = text_in(row, column.index);
-    std::string text = cell;
-    if (decimal_commas) std::ranges::replace(text, ',', '.');
-    if (const std::optional<double> number = parse_number(text)) return *number * column.factor;
+    if (const std::optional<double> number = style.number(cell)) return *number * column.factor;
     const bool ascii = std::ranges::all_of(cell, [](char c) { return static_cast<unsigned char>(c) < 0x80; });
     table.fail(row, column.index,
                "'{}' is not a finite number{}; write a number like 12.5 or 1.25e1 without a unit, or delete the row",
@@ -252,16 +211,21 @@ struct Sheet {
     summary += regular ? " x " + counted(most, "trial", "trials") : fmt::format(", {} to {} trials each", fewest, most);
     remarks.push_back(summary);
 
-    const std::string separators = table.separator == ';' ? "semicolons" : table.separator == '\t' ? "tabs" : "";
-    if (!separators.empty())
-      remarks.push_back(separators + (decimal_commas ? " and decimal commas" : " between cells"));
+    if (not_taken_count > 0)
+      remarks.push_back(counted(not_taken_count, "reading", "readings") + " not taken (empty, NA, NaN, - or the like)");
+    const std::string separators = table.separator == ';' ? "semicolons" : table.separator == '\t' ? "tabs" : "commas";
+    const std::string numbers = style.describe();
+    if (table.preamble_line + table.units_line + table.footer_line == 0 && (separators != "commas" || !numbers.empty()))
+      remarks.push_back(separators + (numbers.empty() ? " between cells" : " and " + numbers));
     if (table.byte_order_mark) remarks.emplace_back("byte order mark (BOM) skipped");
     if (table.carriage_returns) remarks.emplace_back("CRLF line ends");
     if (table.comments > 0)
       remarks.push_back(counted(static_cast<size_t>(table.comments), "comment line", "comment lines") + " skipped");
     std::vector<std::string> ignored;
-    std::ranges::copy_if(table.header.cells, std::back_inserter(ignored),
-                         [&](const std::string& name) { return contains(format.ignored, name); });
+    for (size_t i = 0; i < table.header.cells.size(); ++i) {
+      const std::string& name = table.header.cells[i];
+      if (is_ignored(i)) ignored.push_back(name.empty() ? numbered_column(i) : name);
+    }
     if (!ignored.empty()) remarks.push_back("columns ignored: " + listed(ignored));
     return remarks;
   }
@@ -331,6 +295,16 @@ class FormatCheck {
   std::set<std::string> ids_;
 };
 
+/// The columns that the format names.
+std::vector<std::string> names_of(const BenchFormat& format) {
+  std::vector<std::string> names = format.ignored;
+  for (const BenchFormat::Control& control : format.controls) names.push_back(control.column);
+  for (const BenchFormat::Channel& channel : format.channels) names.push_back(channel.column);
+  names.insert(names.end(), {format.trial_column, format.channel_column, format.value_column, format.sigma_column});
+  std::erase(names, "");
+  return names;
+}
+
 }  // namespace
 
 double InstrumentNoise::sigma(double reading) const {
@@ -339,7 +313,7 @@ double InstrumentNoise::sigma(double reading) const {
 
 Trials read_trials(const BenchFormat& format) {
   FormatCheck(format).run();
-  Sheet sheet(format, format.path);
+  Sheet sheet(format, format.path, names_of(format));
   sheet.find_columns();
   sheet.check_rows("reading");
 
@@ -357,10 +331,14 @@ Trials read_trials(const BenchFormat& format) {
     reading.line = row.line;
     if (sheet.trial) reading.trial = sheet.text_in(row, *sheet.trial);
     reading.controls = sheet.controls_in(row);
-    for (size_t k = 0; k < reading.controls.size(); ++k) trials.control_values[k].insert(reading.controls[k]);
     size_t first = 0, last = format.channels.size() - 1;
     if (sheet.channel) first = last = sheet.channel_in(row, trials.channel_ids);
     for (size_t channel = first; channel <= last; ++channel) {
+      if (not_taken(row.cells[sheet.values[channel].index])) {
+        ++sheet.not_taken_count;
+        continue;
+      }
+      for (size_t k = 0; k < reading.controls.size(); ++k) trials.control_values[k].insert(reading.controls[k]);
       reading.channel = static_cast<int>(channel);
       reading.value = sheet.number_in(row, sheet.values[channel]);
       reading.sigma = sheet.sigma_of(row, reading);
@@ -370,29 +348,40 @@ Trials read_trials(const BenchFormat& format) {
       trials.readings.push_back(reading);
     }
   }
+  if (trials.readings.empty())
+    sheet.table.fail(sheet.table.rows.front().line,
+                     "no row below the header has a reading: all {} are empty, NA or the like; fill them in",
+                     sheet.not_taken_count);
   trials.remarks = sheet.remarks_of(trials);
+  trials.layout = sheet.table.layout(sheet.style.describe());
   return trials;
 }
 
 std::vector<LoadRow> read_load_rows(const BenchFormat& format, const std::string& path) {
-  Sheet sheet(format, path);
-  std::vector<std::string> known = format.ignored;
-  known.insert(known.end(), {format.trial_column, format.channel_column, format.value_column, format.sigma_column});
-  for (const BenchFormat::Control& control : format.controls) {
+  const std::vector<std::string> known = names_of(format);
+  Sheet sheet(format, path, known);
+  for (const BenchFormat::Control& control : format.controls)
     sheet.controls.push_back(sheet.number_column(control.column, control.quantities, "load"));
-    known.push_back(control.column);
-  }
-  for (const BenchFormat::Channel& channel : format.channels) known.push_back(channel.column);
   const Row& header = sheet.table.header;
   for (size_t column = 0; column < header.cells.size(); ++column) {
-    if (!contains(known, header.cells[column]))
-      sheet.table.fail(header, column, "the experiment knows no such column{}; delete it",
-                       did_you_mean(header.cells[column], known));
+    const std::string& name = header.cells[column];
+    if (!name.empty() && !sheet.is_ignored(column) &&
+        std::ranges::none_of(known, [&](const std::string& other) { return same_column(other, name); }))
+      sheet.table.fail(header, column, "the experiment knows no such column{}; delete it", did_you_mean(name, known));
   }
   sheet.check_rows("load");
   std::vector<LoadRow> rows;
   for (const Row& row : sheet.table.rows) rows.push_back({row.line, sheet.controls_in(row)});
   return rows;
+}
+
+std::map<std::string, std::string> titles_in_file(const std::string& path, const std::vector<std::string>& names) {
+  const CsvTable table = read_csv(path, names);
+  std::map<std::string, std::string> titles;
+  for (const std::string& name : names) {
+    if (const std::optional<size_t> column = find_column(table, name)) titles[name] = table.title(*column);
+  }
+  return titles;
 }
 
 }  // namespace taut

@@ -1,4 +1,5 @@
 #pragma once
+#include <map>
 #include <set>
 #include <string>
 #include <vector>
@@ -48,7 +49,7 @@ struct BenchFormat {
   std::string channel_column;        ///< long files: the column that holds the channel's id; else ""
   std::string value_column;          ///< long files: the column that holds the reading; else ""
   std::string sigma_column;          ///< optional: sigma per row (a length like the reading); overrides the noise
-  std::vector<std::string> ignored;  ///< columns that are deliberately not used
+  std::vector<std::string> ignored;  ///< columns that are deliberately not used, by name or by number ("#3")
 };
 
 /// All readings of a bench, repeats kept.
@@ -61,14 +62,17 @@ struct Trials {
   /// For people: first the count of conditions, channels and trials, then what was recognised ("semicolons and decimal
   /// commas", "BOM", ...).
   std::vector<std::string> remarks;
+  std::string layout;  ///< for people: where the table was found in a file that holds more; "" for a plain file
 };
 
-/// Reads a bench CSV file (fast-cpp-csv-parser). Comma, semicolon or tab separated, decimal point or (not with comma
-/// separators) decimal comma, UTF-8 with or without BOM, LF or CRLF, '#' comment lines, quoted fields.
-/// Throws InputError, one sentence with file, line and column, for: missing file, empty file, header only, missing,
-/// duplicate or unknown column, wrong or missing unit, empty cell, text where a number belongs, NaN or infinity,
-/// a row with too few or too many cells, an unknown channel id, a reading that stands twice (same trial, controls and
-/// channel, both lines named), sigma not positive, no noise given at all.
+/// Reads a bench CSV file (fast-cpp-csv-parser). Comma, semicolon or tab separated, decimal point or comma, thousands
+/// separators where all numbers of the file can be read in one way only, UTF-8 with or without BOM or cp1252, any line
+/// ends, comment lines with # or %, quoted fields, and what machines put around a table (see read_csv()). A column's
+/// unit stands in its name or in a row below the header. A reading that is empty, NA, NaN or the like (see not_taken())
+/// was not taken. Throws InputError, one sentence with file, line and column, for: missing file, empty file, header
+/// only, missing, duplicate or unknown column, wrong or missing unit, a control that is empty, text where a number
+/// belongs, infinity, a row with too few or too many cells, an unknown channel id, a reading that stands twice (same
+/// trial, controls and channel, both lines named), sigma not positive, no noise given at all, no reading at all.
 Trials read_trials(const BenchFormat& format);
 
 /// A line of a file that holds loads only: where to predict.
@@ -80,5 +84,9 @@ struct LoadRow {
 /// Reads the control columns of `format` from the CSV file at `path`; the format's other columns may be there and are
 /// not read. Throws InputError as read_trials() does.
 std::vector<LoadRow> read_load_rows(const BenchFormat& format, const std::string& path);
+
+/// The full names of those of these columns that are in the file at `path`, with their units ("Load (N)"), wherever the
+/// file says them. Throws InputError as read_csv() does.
+std::map<std::string, std::string> titles_in_file(const std::string& path, const std::vector<std::string>& names);
 
 }  // namespace taut

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "calib/data/trials.hpp"
 #include "calib/files/bench_kinds.hpp"
 #include "sim/core/error.hpp"
 #include "sim/files/geometry_file.hpp"
@@ -28,9 +29,10 @@ void read_channel(TableReader& table, Experiment& experiment) {
 }
 
 /// The control id of a retraction's column; the same column retracts several cables.
-std::string retraction_control(TableReader& table, CablesSettings& cables) {
+std::string retraction_control(TableReader& table, Experiment& experiment) {
+  CablesSettings& cables = experiment.cables;
   const std::string column = table.text("retraction");
-  const std::string id = parse_header(column, {Quantity::length}, table.where("retraction")).name;
+  const std::string id = column_unit(experiment, column, {Quantity::length}, table.where("retraction")).name;
   const std::string known = cables.columns.try_emplace(id, column).first->second;
   if (known != column)
     table.fail("retraction",
@@ -82,7 +84,7 @@ void read_cables(TableReader table, Experiment& experiment) {
   read_cable_law(table, cables, true);
   const std::vector<std::string> own =
       geometry.shape->defaults().cables ? geometry.shape->cable_names() : std::vector<std::string>{};
-  const std::string common = table.has("retraction") ? retraction_control(table, cables) : "";
+  const std::string common = table.has("retraction") ? retraction_control(table, experiment) : "";
   const auto add_own = [&](const std::string& id, const std::string& control) {
     CableSettings& cable = cables.cables.emplace_back();
     cable.id = id;
@@ -94,7 +96,7 @@ void read_cables(TableReader table, Experiment& experiment) {
     for (const CableSettings& other : cables.cables) {
       if (other.id == id) one.fail("id", fmt::format("the cable '{}' is there already; choose another id", id));
     }
-    const std::string control = one.has("retraction") ? retraction_control(one, cables) : common;
+    const std::string control = one.has("retraction") ? retraction_control(one, experiment) : common;
     if (!own.empty() && !one.has("x")) {
       if (std::find(own.begin(), own.end(), id) == own.end())
         one.fail("id", fmt::format("'{}' has no points; the module's own cables are {}, others need x and y", id,
@@ -285,15 +287,24 @@ std::vector<std::pair<std::string*, std::string>> readings_of(Experiment& experi
 
 }  // namespace
 
-Experiment read_experiment(const std::string& path) {
-  const TomlFile file(path);
-  if (file.has("simulation"))
-    throw InputError(
-        fmt::format("{0}: this file describes a simulation, without a bench; run `taut simulate {0}`", path));
-  TableReader root = file.root();
-  Experiment experiment;
-  experiment.path = path;
-  experiment.kind = &kind_of(file);
+namespace {
+
+/// Columns whose unit decides what the model is (a force or a mass, say) and is not in their names.
+std::vector<std::string> columns_without_unit(TableReader root) {
+  std::vector<std::string> columns;
+  const auto add = [&](TableReader& table, std::string_view key) {
+    const std::string column = table.text(key, "");
+    if (!column.empty() && !unit_in_header(column)) columns.push_back(column);
+  };
+  for (TableReader& load : root.tables("load")) add(load, "column");
+  if (auto cables = root.optional_table("cables")) {
+    add(*cables, "retraction");
+    for (TableReader& cable : cables->tables("cable")) add(cable, "retraction");
+  }
+  return columns;
+}
+
+void read_tables(TableReader& root, Experiment& experiment) {
   experiment.title = root.text("title");
   root.text("data");
   experiment.simulated = root.choice<bool>("data", {{"measured", false}, {"simulated", true}});
@@ -305,8 +316,38 @@ Experiment read_experiment(const std::string& path) {
     if (auto figures = root.optional_table("figures")) read_figures(*figures, experiment);
     refuse_without_effect(experiment);
   }
+}
+
+/// The experiment in a file. `readings`: the bench file; "": where the experiment's file says.
+Experiment read_with_readings(const std::string& path, std::string readings) {
+  const TomlFile file(path);
+  if (file.has("simulation"))
+    throw InputError(
+        fmt::format("{0}: this file describes a simulation, without a bench; run `taut simulate {0}`", path));
+  TableReader root = file.root();
+  Experiment experiment;
+  experiment.path = path;
+  experiment.encoding = file.remark();
+  experiment.kind = &kind_of(file);
+  if (const std::string named = file.text_at("bench", "file"); readings.empty() && !named.empty())
+    readings = path_beside(path, named);
+  const std::vector<std::string> columns = columns_without_unit(file.root());
+  if (experiment.kind->at_rest && !columns.empty() && fs::is_regular_file(readings))
+    experiment.titles = titles_in_file(readings, columns);
+  try {
+    read_tables(root, experiment);
+  } catch (const InputError&) {
+    root.refuse_misspelt();
+    throw;
+  }
   root.finish();
   return experiment;
+}
+
+}  // namespace
+
+Experiment read_experiment(const std::string& path) {
+  return read_with_readings(path, "");
 }
 
 std::vector<RunInput> inputs_of(const Experiment& experiment) {
@@ -319,7 +360,7 @@ std::vector<RunInput> inputs_of(const Experiment& experiment) {
 
 Experiment read_copies(const std::string& folder) {
   const auto in_folder = [&](const std::string& name) { return (fs::path(folder) / name).string(); };
-  Experiment experiment = read_experiment(in_folder("experiment.toml"));
+  Experiment experiment = read_with_readings(in_folder("experiment.toml"), in_folder("data.csv"));
   for (const auto& [path, copy] : readings_of(experiment)) *path = in_folder(copy);
   if (!input_file(experiment.geometry).empty()) set_input_file(experiment.geometry, in_folder("mesh.msh"));
   return experiment;

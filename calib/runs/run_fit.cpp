@@ -256,6 +256,7 @@ RunRecord start_record(const Bench& bench) {
   record.title = experiment.title;
   record.simulated = experiment.simulated;
   record.setup = bench.describe();
+  if (!experiment.encoding.empty()) record.setup.emplace_back("experiment file", experiment.encoding);
   record.controls = bench.controls();
   record.channels = bench.channels();
   record.load_control = bench.drawn_control();

@@ -5,6 +5,7 @@
 
 #include "calib/studies/accuracy.hpp"
 #include "experiments/cli/chart.hpp"
+#include "experiments/cli/print.hpp"
 #include "reports/accuracy_figures.hpp"
 
 namespace taut {
@@ -83,7 +84,7 @@ int chart_accuracy(const CommandOptions& options) {
   progress.show("drawing");
   draw_accuracy(study, runs, chart, folder.path.string());
   if (options.json)
-    fmt::print("{}\n", json_of(study, runs, chart, missing).dump(2));
+    print_json(json_of(study, runs, chart, missing));
   else
     print_chart(study, runs, chart);
   progress.say("figures: " + (folder.path / "figures" / "accuracy_cost.png").string());

@@ -5,6 +5,7 @@
 
 #include "calib/studies/stability.hpp"
 #include "experiments/cli/chart.hpp"
+#include "experiments/cli/print.hpp"
 #include "reports/stability_figures.hpp"
 
 namespace taut {
@@ -78,7 +79,7 @@ int chart_stability(const CommandOptions& options) {
     draw_stability(map, runs[k], title, has_simulated_data(charted), folder.path.string());
     progress.say(fmt::format("wrote {}", (folder.path / "figures" / ("stability_" + map.id + ".svg")).string()));
   }
-  if (options.json) fmt::print("{}\n", Json{{"maps", result}, {"runs_left", missing}}.dump(2));
+  if (options.json) print_json(Json{{"maps", result}, {"runs_left", missing}});
   return close_chart(options, missing, all, progress);
 }
 

@@ -31,7 +31,7 @@ int check_main(const CommandOptions& options) {
   record.setup.emplace_back("size", bench->size_text());
   const ParameterTable& table = bench->protocol().parameters();
   if (options.json)
-    fmt::print("{}\n", check_json(record, table, bench->free()).dump(2));
+    print_json(check_json(record, table, bench->free()));
   else
     print_check(record, table, bench->free());
   return exit_ok;

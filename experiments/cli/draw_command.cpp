@@ -5,6 +5,7 @@
 
 #include "calib/benches/model.hpp"
 #include "experiments/cli/commands.hpp"
+#include "experiments/cli/print.hpp"
 #include "reports/draw.hpp"
 #include "sim/core/error.hpp"
 
@@ -23,7 +24,7 @@ int draw_main(const CommandOptions& options) {
   for (const char* format : {"svg", "pdf", "png", "csv"})
     files.push_back((std::filesystem::path(folder) / "figures" / (std::string("drawing.") + format)).string());
   if (options.json)
-    fmt::print("{}\n", nlohmann::ordered_json{{"title", experiment.title}, {"files", files}}.dump(2));
+    print_json(nlohmann::ordered_json{{"title", experiment.title}, {"files", files}});
   else
     for (const nlohmann::ordered_json& file : files) fmt::print("{}\n", file.get<std::string>());
   return exit_ok;

@@ -23,6 +23,9 @@ namespace po = boost::program_options;
 /// What is fitted, and what of it is known from an interrupted run.
 void say_start(const Bench& bench, const RunRecord& record, const EvaluationLog& log, Progress& progress) {
   for (const std::string& warning : record.remarks) progress.say("warning: " + warning);
+  for (const auto& [label, text] : record.setup) {
+    if (label == "bench file" || label == "experiment file") progress.say(label + ": " + text);
+  }
   progress.say("fitting " + bench.size_text());
   if (log.known() > 0)
     progress.say(

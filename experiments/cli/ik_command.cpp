@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "calib/data/files.hpp"
+#include "experiments/cli/print.hpp"
 #include "experiments/cli/simulate_command.hpp"
 #include "reports/simulation_report.hpp"
 #include "sim/core/error.hpp"
@@ -225,7 +226,7 @@ int ik_main(const CommandOptions& options) {
     json["title"] = simulation.title;
     json["simulated"] = true;
     for (const Solved& solved : all) json["targets"].push_back(json_of(simulation, robot, solved));
-    fmt::print("{}\n", json.dump(2));
+    print_json(json);
   } else {
     fmt::print("{} (inverse kinematics of a simulation)\n", simulation.title);
     for (const Solved& solved : all) is_path(solved) ? print_path(solved) : print_answer(simulation, robot, solved);

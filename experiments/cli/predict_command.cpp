@@ -135,7 +135,7 @@ int predict_main(const CommandOptions& options) {
   }
   const std::vector<PredictedRow> rows = predicted_rows(record, *bench, prediction, se);
   if (options.json)
-    fmt::print("{}\n", predicted_json(record, rows).dump(2));
+    print_json(predicted_json(record, rows));
   else
     fmt::print("{}", predicted_csv(record, rows));
   print_failures(prediction.failures);

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <nlohmann/json.hpp>
 
 #include "reports/axes.hpp"
 #include "reports/diagnostic.hpp"
@@ -151,6 +152,10 @@ void print_fit(const RunRecord& record) {
                reference.source, 100 * (e->value / reference.value - 1));
   }
   if (!record.swings.empty()) print_swings(record);
+}
+
+void print_json(const nlohmann::ordered_json& json, int indent) {
+  fmt::print("{}\n", json.dump(indent, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
 }
 
 void print_check(const RunRecord& record, const ParameterTable& table, const std::vector<FreeParameter>& free) {

@@ -1,4 +1,5 @@
 #pragma once
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <vector>
 
@@ -20,6 +21,8 @@ void print_swings(const RunRecord& record);
 void print_cables(const std::vector<CableState>& states);
 /// What a fit found.
 void print_fit(const RunRecord& record);
+/// In UTF-8 always: paths may be in another encoding. `indent`: -1 for one line.
+void print_json(const nlohmann::ordered_json& json, int indent = 2);
 /// What was understood of an experiment, its free parameters, problems.
 void print_check(const RunRecord& record, const ParameterTable& table, const std::vector<FreeParameter>& free);
 

@@ -185,7 +185,7 @@ int replay_main(const CommandOptions& options) {
   if (options.sensitivities) write_file(derivatives.string(), sensitivities_csv(replay, *bench));
   const std::string pictures = write_states(bench->states(), folder);
   if (options.json)
-    fmt::print("{}\n", replay_json(replay, *bench).dump(2));
+    print_json(replay_json(replay, *bench));
   else
     print_replay(replay, *bench);
   for (const std::string& warning : record.remarks) progress.say("warning: " + warning);

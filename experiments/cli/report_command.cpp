@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "calib/data/run_folder.hpp"
+#include "experiments/cli/print.hpp"
 #include "experiments/cli/provenance.hpp"
 #include "reports/report.hpp"
 #include "reports/run_record.hpp"
@@ -20,7 +21,10 @@ int report_main(const CommandOptions& options) {
   write_run(record, folder.next());
   folder.publish(RunFolder::Publish::part);
   const std::string page = (std::filesystem::path(options.target) / "report.html").string();
-  fmt::print("{}\n", options.json ? nlohmann::ordered_json{{"report", page}}.dump() : page);
+  if (options.json)
+    print_json(nlohmann::ordered_json{{"report", page}}, -1);
+  else
+    fmt::print("{}\n", page);
   return exit_ok;
 }
 

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "calib/data/files.hpp"
+#include "experiments/cli/print.hpp"
 #include "experiments/cli/provenance.hpp"
 #include "experiments/cli/sensitivity_output.hpp"
 #include "reports/run_record.hpp"
@@ -195,7 +196,7 @@ int simulate_main(const CommandOptions& options) {
   if (options.json) {
     nlohmann::ordered_json json = summary_json(record);
     add_sensitivities(simulation, robot, wanted, result, json);
-    fmt::print("{}\n", json.dump(2));
+    print_json(json);
   } else {
     print_summary(record);
     fmt::print("{}", goal_table(simulation, robot, wanted, result));
@@ -248,6 +249,7 @@ int check_simulation(const CommandOptions& options) {
   std::vector<std::pair<std::string, std::string>> lines;
   for (const Part& part : mesh.parts)
     lines.emplace_back("body " + part.name, fmt::format("{} elements, {} nodes", part.element_count, part.node_count));
+  if (!simulation.encoding.empty()) lines.emplace_back("file", simulation.encoding);
   lines.emplace_back("unknowns", fmt::format("{}", robot.scene.model->free_unknowns()));
   lines.emplace_back("time integration",
                      integrator_text(simulation) + fmt::format(", {} in all", with_unit(simulation.duration, "s")));
@@ -263,7 +265,7 @@ int check_simulation(const CommandOptions& options) {
     nlohmann::ordered_json json;
     json["title"] = simulation.title;
     for (const auto& [label, text] : lines) json[label] = text;
-    fmt::print("{}\n", json.dump(2));
+    print_json(json);
     return exit_ok;
   }
   fmt::print("{} (a simulation)\n", simulation.title);

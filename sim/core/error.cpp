@@ -1,6 +1,7 @@
 #include "sim/core/error.hpp"
 
 #include <algorithm>
+#include <cctype>
 #include <numeric>
 
 namespace taut {
@@ -21,11 +22,17 @@ size_t edit_distance(std::string_view a, std::string_view b) {
   return row[b.size()];
 }
 
-}  // namespace
+bool same_but_for_case(std::string_view a, std::string_view b) {
+  const auto lower = [](unsigned char c) { return std::tolower(c); };
+  return std::ranges::equal(a, b, {}, lower, lower);
+}
 
-std::string nearest_name(std::string_view name, const std::vector<std::string>& candidates) {
+std::string nearest_within(size_t most, std::string_view name, const std::vector<std::string>& candidates) {
+  for (const std::string& candidate : candidates) {
+    if (same_but_for_case(name, candidate)) return candidate;
+  }
   std::string best;
-  size_t best_distance = std::max<size_t>(2, name.size() / 2) + 1;
+  size_t best_distance = most + 1;
   for (const std::string& candidate : candidates) {
     const size_t distance = edit_distance(name, candidate);
     if (distance < best_distance) {
@@ -34,6 +41,16 @@ std::string nearest_name(std::string_view name, const std::vector<std::string>& 
     }
   }
   return best;
+}
+
+}  // namespace
+
+std::string nearest_name(std::string_view name, const std::vector<std::string>& candidates) {
+  return nearest_within(std::max<size_t>(2, name.size() / 2), name, candidates);
+}
+
+std::string near_name(std::string_view name, const std::vector<std::string>& candidates) {
+  return nearest_within((name.size() + 1) / 3, name, candidates);
 }
 
 std::string did_you_mean(std::string_view name, const std::vector<std::string>& candidates) {

@@ -13,8 +13,12 @@ class InputError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// The candidate with the smallest edit distance to `name` if it is near enough to be a misspelling, else "".
+/// The candidate that differs from `name` in upper and lower case only, else the one with the smallest edit distance if
+/// it is near enough to be a misspelling, else "".
 std::string nearest_name(std::string_view name, const std::vector<std::string>& candidates);
+
+/// The same for names that can hardly mean anything else: a third of the letters may differ.
+std::string near_name(std::string_view name, const std::vector<std::string>& candidates);
 
 /// " (did you mean 'x'?)" or "", for appending to a message about an unknown name.
 std::string did_you_mean(std::string_view name, const std::vector<std::string>& candidates);

@@ -6,8 +6,11 @@
 #include <charconv>
 #include <cmath>
 #include <cstdlib>
+#include <functional>
+#include <map>
 #include <numbers>
 #include <stdexcept>
+#include <utility>
 
 #include "sim/core/error.hpp"
 
@@ -41,7 +44,10 @@ const std::vector<Measure>& measures() {
        {{"m", 1}, {"mm", 1e-3}, {"cm", 1e-2}, {"um", 1e-6}, {"km", 1e3}, {"in", kInch}},
        {"um", "mm", "m", "km"}},
       {Quantity::area, "area", {{"m2", 1}, {"mm2", 1e-6}, {"cm2", 1e-4}}, {"mm2", "cm2", "m2"}},
-      {Quantity::mass, "mass", {{"kg", 1}, {"g", 1e-3}, {"mg", 1e-6}, {"lb", kPound}}, {"mg", "g", "kg"}},
+      {Quantity::mass,
+       "mass",
+       {{"kg", 1}, {"g", 1e-3}, {"mg", 1e-6}, {"lb", kPound}, {"oz", kPound / 16}},
+       {"mg", "g", "kg"}},
       {Quantity::force,
        "force",
        {{"N", 1},
@@ -64,6 +70,7 @@ const std::vector<Measure>& measures() {
       {Quantity::stiffness, "stiffness", {{"N/m", 1}, {"N/mm", 1e3}, {"kN/m", 1e3}}, {"N/m", "N/mm"}},
       {Quantity::rotation_stiffness, "rotation stiffness", {{"Nm/rad", 1}}},
       {Quantity::line_load, "line load", {{"N/m", 1}, {"N/mm", 1e3}}},
+      {Quantity::torque, "torque", {{"Nm", 1}, {"Nmm", 1e-3}, {"mNm", 1e-3}, {"kNm", 1e3}}},
   };
   return table;
 }
@@ -72,8 +79,24 @@ const Measure& measure_of(Quantity quantity) {
   return measures()[static_cast<size_t>(quantity)];
 }
 
+/// The spelling of the tables: "µm" (with either sign) is "um", "N·m" and "N*m" are "Nm", "inch" is "in".
+std::string plain_unit(std::string_view name) {
+  std::string text(trimmed(name));
+  constexpr std::pair<std::string_view, std::string_view> spellings[] = {
+      {"\xC2\xB5", "u"}, {"\xCE\xBC", "u"},    {"\xC2\xB2", "2"}, {"\xC2\xB3", "3"},  {"\xC2\xB7", ""},
+      {"*", ""},         {"\xE2\x8B\x85", ""}, {"^", ""},         {"\xC2\xB0", "deg"}};
+  for (const auto& [from, to] : spellings) {
+    for (size_t at = text.find(from); at != std::string::npos; at = text.find(from, at + to.size()))
+      text.replace(at, from.size(), to);
+  }
+  static const std::map<std::string, std::string, std::less<>> others = {
+      {"inch", "in"}, {"inches", "in"}, {"\"", "in"}, {"sec", "s"}, {"N.m", "Nm"}, {"N m", "Nm"}, {"-", "1"}};
+  const auto other = others.find(text);
+  return other == others.end() ? text : other->second;
+}
+
 const Unit* find_unit(std::string_view name, const Measure& measure) {
-  const auto found = std::ranges::find(measure.units, name, &Unit::name);
+  const auto found = std::ranges::find(measure.units, plain_unit(name), &Unit::name);
   return found == measure.units.end() ? nullptr : &*found;
 }
 
@@ -122,6 +145,39 @@ std::string significant(double value, int digits) {
     if (text.back() == '.') text.pop_back();
   }
   return text;
+}
+
+/// A header as a name and what may be its unit.
+struct Ending {
+  std::string_view base;
+  std::string unit;
+};
+
+/// The longest endings first: "k_N_per_mm" ends in N/mm, not in mm.
+std::vector<Ending> endings_of(std::string_view header) {
+  std::vector<Ending> endings;
+  const auto add = [&](size_t base_end, std::string_view unit) {
+    std::string_view base = header.substr(0, base_end);
+    while (!base.empty() && (base.back() == ' ' || base.back() == '_')) base.remove_suffix(1);
+    if (!base.empty() && !unit.empty()) endings.push_back({base, std::string(unit)});
+  };
+  for (const std::string_view pair : {"()", "[]", "{}", "<>"}) {
+    const size_t open = header.rfind(pair[0]);
+    if (open != std::string_view::npos && header.ends_with(pair[1]))
+      add(open, header.substr(open + 1, header.size() - open - 2));
+  }
+  for (const std::string_view word : {" / ", " in ", ", "}) {
+    const size_t at = header.rfind(word);
+    if (at != std::string_view::npos) add(at, header.substr(at + word.size()));
+  }
+  for (size_t at = header.find('_'); at != std::string_view::npos; at = header.find('_', at + 1)) {
+    if (at == 0) continue;
+    std::string unit(header.substr(at + 1));
+    if (const size_t per = unit.find("_per_"); per != std::string::npos) unit.replace(per, 5, "/");
+    endings.push_back({header.substr(0, at), unit});
+  }
+  if (const size_t slash = header.find('/'); slash != std::string_view::npos) add(slash, header.substr(slash + 1));
+  return endings;
 }
 
 /// A unit as the end of a header: "N/mm" is written "N_per_mm".
@@ -225,23 +281,22 @@ HeaderUnit parse_header(std::string_view header, const std::vector<Quantity>& al
   for (const Measure& measure : measures()) {
     if (std::ranges::find(allowed, measure.quantity) == allowed.end()) candidates.push_back(&measure);
   }
-  // The longest suffix wins: "k_N_per_mm" ends in N/mm, not in mm.
   const Measure* found = nullptr;
   const Unit* unit = nullptr;
-  std::string ending;
-  for (size_t k = 0; k < candidates.size(); ++k) {
-    for (const Unit& candidate : candidates[k]->units) {
-      // A trailing "_1" of another column is a number of something ("marker_1"), not a unit.
-      if (k >= allowed.size() && candidate.name == "1") continue;
-      const std::string suffix = as_suffix(candidate.name);
-      if (k < allowed.size()) suffixes.push_back(suffix);
-      if (header.size() <= suffix.size() || !header.ends_with(suffix) || suffix.size() <= ending.size()) continue;
-      found = candidates[k];
-      unit = &candidate;
-      ending = suffix;
-    }
+  std::string_view base = header;
+  for (size_t k = 0; k < allowed.size(); ++k) {
+    for (const Unit& candidate : candidates[k]->units) suffixes.push_back(as_suffix(candidate.name));
   }
-  std::string_view base = header.substr(0, header.size() - ending.size());
+  for (const Ending& ending : endings_of(header)) {
+    for (size_t k = 0; k < candidates.size() && found == nullptr; ++k) {
+      unit = find_unit(ending.unit, *candidates[k]);
+      // A trailing "_1" of another column is a number of something ("marker_1"), not a unit.
+      if (unit == nullptr || (k >= allowed.size() && unit->name == "1")) continue;
+      found = candidates[k];
+      base = ending.base;
+    }
+    if (found != nullptr) break;
+  }
   if (found != nullptr && std::ranges::find(allowed, found->quantity) != allowed.end())
     return {std::string(base), std::string(unit->name), found->quantity, unit->factor};
 
@@ -260,6 +315,41 @@ HeaderUnit parse_header(std::string_view header, const std::vector<Quantity>& al
   }
   throw InputError(fmt::format("{}: column '{}' {}; end its name in one of {}, for example '{}{}'", where, header,
                                problem, join(suffixes), base, suffixes.empty() ? "" : suffixes.front()));
+}
+
+std::optional<HeaderUnit> unit_in_header(std::string_view header) {
+  for (const Ending& ending : endings_of(header)) {
+    for (const Measure& measure : measures()) {
+      const Unit* unit = find_unit(ending.unit, measure);
+      if (unit != nullptr && (unit->name != "1" || ending.unit == "-"))
+        return HeaderUnit{std::string(ending.base), std::string(unit->name), measure.quantity, unit->factor};
+    }
+  }
+  return std::nullopt;
+}
+
+std::string without_brackets(std::string_view unit) {
+  unit = trimmed(unit);
+  for (const std::string_view pair : {"()", "[]", "{}", "<>"}) {
+    if (unit.size() >= 2 && unit.front() == pair[0] && unit.back() == pair[1])
+      return std::string(trimmed(unit.substr(1, unit.size() - 2)));
+  }
+  return std::string(unit);
+}
+
+bool like_units(const std::vector<std::string>& cells) {
+  constexpr size_t longest = 16;
+  size_t known = 0, bracketed = 0, filled = 0;
+  for (const std::string& cell : cells) {
+    if (cell.empty()) continue;
+    ++filled;
+    const std::string unit = without_brackets(cell);
+    const bool number = unit != "-" && unit.find_first_of("0123456789+-.,") == 0;
+    if (unit.size() > longest || number) return false;
+    if (unit != cell) ++bracketed;
+    if (unit != "-" && unit_in_header("x (" + unit + ")")) ++known;
+  }
+  return known > 0 || (filled > 0 && bracketed == filled);
 }
 
 }  // namespace taut

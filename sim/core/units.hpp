@@ -22,7 +22,8 @@ enum class Quantity {
   angle,
   stiffness,
   rotation_stiffness,
-  line_load
+  line_load,
+  torque
 };
 
 std::string_view name_of(Quantity quantity);  ///< "line load"
@@ -30,8 +31,9 @@ std::string_view name_of(Quantity quantity);  ///< "line load"
 /// The units known for a quantity, SI first ("m", "mm", "um", ... for a length).
 std::vector<std::string> units_of(Quantity quantity);
 
-/// SI value of one `unit`: 1e-3 for "mm". Throws InputError with the units that are known for `quantity` and the
-/// nearest name when `unit` is not one of them; `where` starts the message.
+/// SI value of one `unit`: 1e-3 for "mm". Spellings of others are known: "µm", "N/mm²", "N*m", "inch". Throws
+/// InputError with the units that are known for `quantity` and the nearest name when `unit` is not one of them; `where`
+/// starts the message.
 double unit_factor(std::string_view unit, Quantity quantity, std::string_view where);
 
 /// The whole of `text` as a finite decimal number ("-1.5e-3", "+2"), independent of the locale; nullopt for all else.
@@ -63,8 +65,8 @@ struct DisplayUnit {
 DisplayUnit display_unit(double value_si, std::string_view si_unit);  ///< see DisplayUnit
 
 /// "tip_load_N" to {"tip_load", "N"}: the unit is what follows the last underscore, if it is a unit of one of the
-/// `allowed` quantities. Otherwise throws InputError that names header, allowed units and an example; `where` starts
-/// the message.
+/// `allowed` quantities; so in "mass (g)", "mass [g]", "mass / g" and "mass in g". Otherwise throws InputError that
+/// names header, allowed units and an example; `where` starts the message.
 struct HeaderUnit {
   std::string name;
   std::string unit;
@@ -73,5 +75,14 @@ struct HeaderUnit {
 };
 /// See HeaderUnit.
 HeaderUnit parse_header(std::string_view header, const std::vector<Quantity>& allowed, std::string_view where);
+
+/// The same for a unit of any quantity; nullopt where the header has none.
+std::optional<HeaderUnit> unit_in_header(std::string_view header);
+
+/// "(mm)", "[mm]" and "mm" to "mm".
+std::string without_brackets(std::string_view unit);
+
+/// Whether the cells below a header are its units: at least one that is known, or all in brackets, and no number.
+bool like_units(const std::vector<std::string>& cells);
 
 }  // namespace taut

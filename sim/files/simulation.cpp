@@ -314,15 +314,9 @@ void refuse_without_effect(const Simulation& simulation) {
 
 }  // namespace
 
-bool is_simulation(const std::string& path) {
-  return TomlFile(path).has("simulation");
-}
+namespace {
 
-Simulation read_simulation(const std::string& path) {
-  const TomlFile file(path);
-  TableReader root = file.root();
-  Simulation simulation;
-  simulation.path = path;
+void read_tables(TableReader& root, Simulation& simulation) {
   simulation.title = root.text("title");
   simulation.description = root.text("description", "");
   read_method(root.table("simulation"), simulation);
@@ -335,7 +329,7 @@ Simulation read_simulation(const std::string& path) {
       throw InputError(fmt::format(
           "{}: [materials.{}]: gravity, and a simulation over time, need a density; add for example density = "
           "\"30 kg/m3\", or set integrator = \"static\" without gravity",
-          path, material.region));
+          simulation.path, material.region));
   }
   read_damping(root, simulation);
   for (TableReader& table : root.tables("control")) read_control(table, simulation);
@@ -352,11 +346,31 @@ Simulation read_simulation(const std::string& path) {
   }
   if (auto workspace = root.optional_table("workspace")) read_workspace(*workspace, simulation);
   if (auto ik = root.optional_table("ik")) read_ik(*ik, simulation);
-  refuse_repeated(path,
+  refuse_repeated(simulation.path,
                   {ids_of(simulation.controls), ids_of(simulation.cables.cables), ids_of(simulation.joints),
                    ids_of(simulation.loads), ids_of(simulation.channels), own_series},
                   "controls, cables, joints, loads and channels");
   refuse_without_effect(simulation);
+}
+
+}  // namespace
+
+bool is_simulation(const std::string& path) {
+  return TomlFile(path).has("simulation");
+}
+
+Simulation read_simulation(const std::string& path) {
+  const TomlFile file(path);
+  TableReader root = file.root();
+  Simulation simulation;
+  simulation.path = path;
+  simulation.encoding = file.remark();
+  try {
+    read_tables(root, simulation);
+  } catch (const InputError&) {
+    root.refuse_misspelt();
+    throw;
+  }
   root.finish();
   return simulation;
 }

@@ -162,6 +162,12 @@ Quantity control_quantity(const Setup& setup, const std::string& id) {
   return Quantity::pure;
 }
 
+HeaderUnit column_unit(const Setup& setup, const std::string& column, const std::vector<Quantity>& allowed,
+                       std::string_view where) {
+  const auto title = setup.titles.find(column);
+  return parse_header(title == setup.titles.end() ? column : title->second, allowed, where);
+}
+
 LoadSettings read_load(TableReader& table, const Setup& setup, Language language) {
   const bool bench = language == Language::bench;
   // The unit of the column or of the value says what kind of load it is.
@@ -181,7 +187,7 @@ LoadSettings read_load(TableReader& table, const Setup& setup, Language language
   if (bench && table.has("column")) {
     load.control = load.id;
     load.column = table.text("column");
-    load.quantity = parse_header(load.column, quantities, table.where("column")).quantity;
+    load.quantity = column_unit(setup, load.column, quantities, table.where("column")).quantity;
   } else if (!bench && table.has("control")) {
     load.control = known_id(table, "control", ids_of(setup.controls), "a [[control]]");
     load.quantity = control_quantity(setup, load.control);

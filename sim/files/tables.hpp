@@ -58,6 +58,9 @@ Quantity quantity_of(const TableReader& table, std::string_view key, const std::
 /// That of a control of a setup; pure when there is none of this id.
 Quantity control_quantity(const Setup& setup, const std::string& id);
 
+/// Unit and name of a bench column, from its name or, where the bench file says it elsewhere, from `setup.titles`.
+HeaderUnit column_unit(const Setup& setup, const std::string& column, const std::vector<Quantity>& allowed,
+                       std::string_view where);
 /// [[load]] to its end. At a bench it may be at a point, and its value may be a column's; in a simulation a control's.
 LoadSettings read_load(TableReader& table, const Setup& setup, Language language);
 

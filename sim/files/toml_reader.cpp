@@ -5,8 +5,11 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <fstream>
+#include <iterator>
 
 #include "sim/core/error.hpp"
+#include "sim/core/text_encoding.hpp"
 
 namespace taut {
 
@@ -48,7 +51,14 @@ struct TableReader::Nodes {
 
 TomlFile::TomlFile(const std::string& path) : path_(path) {
   try {
-    document_ = std::make_shared<const toml::table>(toml::parse_file(path));
+    std::ifstream file(path, std::ios::binary);
+    if (!file || std::filesystem::is_directory(path)) {
+      document_ = std::make_shared<const toml::table>(toml::parse_file(path));  // says why it cannot be read
+      return;
+    }
+    const DecodedText text = decoded({std::istreambuf_iterator<char>(file), {}}, path);
+    remark_ = text.remark();
+    document_ = std::make_shared<const toml::table>(toml::parse(text.text, path));
   } catch (const toml::parse_error& error) {
     const auto line = error.source().begin.line;
     if (line == 0 || !std::filesystem::exists(path))
@@ -82,6 +92,7 @@ std::string TableReader::where(std::string_view key) const {
 }
 
 void TableReader::fail(std::string_view key, const std::string& what) const {
+  if (key.empty()) refuse_misspelt();
   throw InputError(where(key) + ": " + what);
 }
 
@@ -184,6 +195,20 @@ std::vector<std::string> TableReader::texts_or_none(std::string_view key) {
   return has(key) ? texts(key) : std::vector<std::string>{};
 }
 
+std::vector<std::string> TableReader::columns_or_none(std::string_view key) {
+  std::vector<std::string> values;
+  if (!has(key)) return values;
+  for (const toml::node& node : Nodes::array(*this, key, 0)) {
+    const auto name = node.value_exact<std::string>();
+    const auto number = node.value_exact<int64_t>();
+    if (!name && (!number || *number < 1))
+      fail(key, "the list must hold names of columns in quotes, or their numbers, from 1");
+    values.push_back(name ? *name : fmt::format("#{}", *number));
+  }
+  if (values.empty()) fail(key, "the list is empty");
+  return values;
+}
+
 TableReader TableReader::table(std::string_view key) {
   const toml::node* node = Nodes::find(*this, key);
   if (node == nullptr)
@@ -216,6 +241,21 @@ std::vector<TableReader> TableReader::tables(std::string_view key) {
     fail(key, fmt::format("this is a list of tables; write [[{}]]", name));
   for (const toml::node& element : *array) readers.push_back(TableReader(element.as_table(), file_, name));
   return readers;
+}
+
+void TableReader::refuse_misspelt() const {
+  const toml::table& table = Nodes::table(*this);
+  std::vector<std::string> absent;
+  for (const std::string& key : asked_) {
+    if (!table.contains(key)) absent.push_back(key);
+  }
+  for (const auto& [key, node] : table) {
+    const std::string name(key.str());
+    if (std::find(asked_.begin(), asked_.end(), name) != asked_.end()) continue;
+    if (const std::string meant = near_name(name, absent); !meant.empty())
+      throw InputError(fmt::format("{}:{}: {}unknown key '{}' (did you mean '{}'?); correct it", file_,
+                                   key.source().begin.line, name_.empty() ? "" : "[" + name_ + "]: ", name, meant));
+  }
 }
 
 void TableReader::finish() {

@@ -22,9 +22,10 @@ class TomlFile {
   bool has(std::string_view key) const;  ///< at the top
   /// The text at `key` of the table called `table`; "" when there is none. For asking what kind of file it is.
   std::string text_at(std::string_view table, std::string_view key) const;
+  const std::string& remark() const { return remark_; }  ///< on bytes that are not UTF-8; "": there are none
 
  private:
-  std::string path_;
+  std::string path_, remark_;
   std::shared_ptr<const void> document_;
 };
 
@@ -65,6 +66,8 @@ class TableReader {
   std::vector<double> numbers(std::string_view key, size_t count);  ///< [0, 0, -1]
   std::vector<std::string> texts(std::string_view key);             ///< required, at least one
   std::vector<std::string> texts_or_none(std::string_view key);     ///< none when it is not there
+  /// Names of columns, or their numbers from 1 as "#3"; none when it is not there.
+  std::vector<std::string> columns_or_none(std::string_view key);
   /// A sub-table; required.
   TableReader table(std::string_view key);
   /// A sub-table or an empty one.
@@ -77,7 +80,10 @@ class TableReader {
 
   /// Throws for the first key that nobody asked for.
   void finish();
-  /// An InputError at `key` (or at the table when it is empty), to be thrown by the caller for its own checks.
+  /// Throws for a key that is almost one that was asked for and is not there: what a later fault may follow from.
+  void refuse_misspelt() const;
+  /// An InputError at `key` (or at the table when it is empty), to be thrown by the caller for its own checks. Where
+  /// the table has a misspelt key that the fault follows from, that is said instead.
   [[noreturn]] void fail(std::string_view key, const std::string& what) const;
   std::string where(std::string_view key) const;  ///< "file:line: [table] key", as messages begin
 

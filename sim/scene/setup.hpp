@@ -130,7 +130,9 @@ struct ChannelSettings {
 
 /// Everything physical that a file describes, as plain data in SI units: what build_scene() makes a model of.
 struct Setup {
-  std::string path;  ///< of the file, for messages
+  std::string path;                           ///< of the file, for messages
+  std::string encoding;                       ///< a remark on bytes that are not UTF-8; "": there are none
+  std::map<std::string, std::string> titles;  ///< bench columns with their units, where only the bench file has those
   int dimension = 2;
   double thickness = 1;  ///< 2D [m]
   Plane plane = Plane::strain;

@@ -90,7 +90,7 @@ TEST_F(WrongExperiment, UnitsThatAreMissingOrWrong) {
   refuses("E = \"100 kPa\"", "E = \"1,5 kPa\"", {"@E = ", "decimal point"});
   refuses("[\"60 mm\", \"12 mm\"]", "[\"60 mm\", \"12 kg\"]", {"@size", "'kg' is not a unit of length"});
   refuses("[\"60 mm\", \"12 mm\"]", "[60, 12]", {"@size", "length", "in quotes with its unit"});
-  refuses("column = \"pull_N\"", "column = \"pull\"", {"@column = \"pull\"", "[load] column", "unit"});
+  refuses("column = \"pull_N\"", "column = \"tug\"", {"@column = \"tug\"", "[load] column", "unit"});
   refuses("column = \"pull_N\"", "column = \"pull_mm\"", {"pull_mm", "length", "force"});
   refuses("start = \"50 kPa\"", "start = \"50 N\"", {"@start", "'N' is not a unit of pressure"});
   refuses("start = \"50 kPa\"", "start = 50000", {"@start", "has no unit"});
@@ -98,6 +98,10 @@ TEST_F(WrongExperiment, UnitsThatAreMissingOrWrong) {
 }
 
 TEST_F(WrongExperiment, KeysThatAreMissing) {
+  // What is misspelt comes before what is missing for it.
+  refuses("thickness = \"20 mm\"", "thicknes = \"20 mm\"", {"unknown key 'thicknes'", "did you mean 'thickness'?"});
+  refuses("[bench]", "[bensh]", {"unknown key 'bensh'", "did you mean 'bench'?"});
+  refuses("[[channel]]", "[[chanel]]", {"unknown key 'chanel'", "did you mean 'channel'?"});
   refuses("title = \"A small beam\"\n", "", {"'title' is missing"});
   refuses("data = \"simulated\"\n", "", {"'data' is missing"});
   refuses("region = \"foam\"\n", "", {"@[geometry]", "[geometry]", "'region' is missing"});

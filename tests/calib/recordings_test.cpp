@@ -121,7 +121,7 @@ TEST(Recordings, WhatIsWrongInAnExperimentFileIsSaid) {
   refused("[damping.foam]", "[damping.fom]", {"'fom'", "did you mean 'foam'"});
   refused("step = \"1 ms\"", "step = \"0 ms\"", {"step", "positive"});
   refused("until = \"9 ms\"", "until = \"1 ms\"", {"'from' must be earlier"});
-  refused("time = \"time_ms\"", "time = \"time\"", {"time", "unit"});
+  refused("time = \"time_ms\"", "time = \"time_mm\"", {"time_mm", "a unit of length", "time is needed"});
   const Folder unknown(toml);
   expect_input_error([&] { read_experiment(unknown.path); }, {"reference"});
 }
@@ -133,8 +133,8 @@ TEST(Recordings, WhatIsWrongInARecordingIsSaidWithItsLine) {
   };
   refused("time_ms,tipp_mm\n0,1\n", {"one.csv", "line 1", "'tip_mm'", "did you mean 'tipp_mm'"});
   refused("time_s,tip_mm\n0,1\n", {"one.csv", "'time_ms'", "time_s"});
-  refused("time_ms,tip_mm\n0,1\n1,nan\n", {"line 3", "'nan' is not a finite number"});
-  refused("time_ms,tip_mm\n0,1\n1,\n", {"line 3", "'' is not a finite number"});
+  refused("time_ms,tip_mm\n0,1\n1,inf\n", {"line 3", "'inf' is not a finite number"});
+  refused("time_ms,tip_mm\n0,1\n,1\n", {"line 3", "'' is not a finite number"});
   refused("time_ms,tip_mm\n0,1\n2,1\n2,1\n", {"line 4", "not after", "order of time"});
   refused("time_ms,tip_mm\n0,1\n1,1,1\n", {"line 3", "3 cells"});
   const Folder missing(replaced(good, "one.csv", "none.csv"));

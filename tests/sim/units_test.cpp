@@ -23,7 +23,7 @@ const std::map<Quantity, std::map<std::string, double>> kTable = {
     {pure, {{"1", 1}, {"%", 0.01}}},
     {length, {{"m", 1}, {"mm", 0.001}, {"cm", 0.01}, {"um", 0.000001}, {"km", 1000}, {"in", 0.0254}}},
     {area, {{"m2", 1}, {"mm2", 0.000001}, {"cm2", 0.0001}}},
-    {mass, {{"kg", 1}, {"g", 0.001}, {"mg", 0.000001}, {"lb", 0.45359237}}},
+    {mass, {{"kg", 1}, {"g", 0.001}, {"mg", 0.000001}, {"lb", 0.45359237}, {"oz", 0.028349523125}}},
     {force, {{"N", 1}, {"mN", 0.001}, {"kN", 1000}, {"kgf", 9.80665}, {"gf", 0.00980665}, {"lbf", 4.4482216152605}}},
     {pressure,
      {{"Pa", 1}, {"kPa", 1000}, {"MPa", 1000000}, {"GPa", 1000000000}, {"N/mm2", 1000000}, {"psi", 6894.757293168361}}},
@@ -227,12 +227,27 @@ TEST(ParseHeader, AMissingOrWrongUnitIsAnsweredWithAllowedOnesAndAnExample) {
       [] {
         parse_header("mass", {mass, force}, "bench.csv, line 1");
       },
-      {"bench.csv, line 1: ", "column 'mass'", "mass or force", "_kg, _g, _mg, _lb, _N", "'mass_kg'"});
+      {"bench.csv, line 1: ", "column 'mass'", "mass or force", "_kg, _g, _mg, _lb, _oz, _N", "'mass_kg'"});
   expect_input_error([] { parse_header("drop_s", {length}, "here"); },
                      {"'s', a unit of time", "length is needed", "_mm", "'drop_m'"});
   expect_input_error([] { parse_header("hung_lbs", {mass}, "here"); }, {"did you mean 'hung_lb'?", "'hung_kg'"});
   expect_input_error([] { parse_header("marker_1", {length}, "here"); }, {"does not end in a unit of length"});
   expect_input_error([] { parse_header("_mm", {length}, "here"); }, {"does not end in a unit of length"});
+}
+
+TEST(Units, SpellingsOfOthersAreKnown) {
+  for (const char* unit : {"um", "\xC2\xB5m", "\xCE\xBCm"})
+    EXPECT_DOUBLE_EQ(unit_factor(unit, Quantity::length, "x"), 1e-6);
+  for (const char* unit : {"Nm", "N*m", "N\xC2\xB7m"}) EXPECT_DOUBLE_EQ(unit_factor(unit, Quantity::torque, "x"), 1);
+  EXPECT_DOUBLE_EQ(unit_factor("inch", Quantity::length, "x"), 0.0254);
+  EXPECT_DOUBLE_EQ(unit_factor("oz", Quantity::mass, "x"), 0.028349523125);
+  EXPECT_DOUBLE_EQ(unit_factor("lbf", Quantity::force, "x"), 4.4482216152605);
+  EXPECT_DOUBLE_EQ(unit_factor("N/mm\xC2\xB2", Quantity::pressure, "x"), 1e6);
+}
+
+TEST(Units, TheNearestUnitIsTheOneOfAnotherCase) {
+  expect_input_error([] { unit_factor("MM", Quantity::length, "x"); }, {"did you mean 'mm'?"});
+  expect_input_error([] { parse_header("drop_MM", {Quantity::length}, "x"); }, {"did you mean 'drop_mm'?"});
 }
 
 }  // namespace
