@@ -12,7 +12,7 @@ namespace {
 
 using namespace test;
 
-constexpr double kZ95 = 1.959963984540054;
+constexpr double kNormal95 = 1.959963984540054;
 const Eigen::VectorXd kLoads = Eigen::VectorXd::LinSpaced(6, 1, 6);
 
 void expect_says(const std::string& text, const std::vector<std::string>& parts) {
@@ -44,7 +44,7 @@ TEST(Verdict, AModulusTooLargeToShowIsBoundedFromBelowOnly) {
   ASSERT_TRUE(k.lower95);
   EXPECT_FALSE(k.upper95);
   // Chi squared rises by z95^2 where |F| / k = z95 sigma, as long as the optimum itself is beyond sight.
-  EXPECT_NEAR(*k.lower95, kLoads.norm() / (kZ95 * sigma), 0.02 * *k.lower95);
+  EXPECT_NEAR(*k.lower95, kLoads.norm() / (kNormal95 * sigma), 0.02 * *k.lower95);
   expect_says(k.explanation, {"above", "nothing more"});
   expect_says(k.explanation, {with_unit(*k.lower95, "Pa")});
 }
@@ -59,7 +59,7 @@ TEST(Verdict, AModulusTooSmallToShowIsBoundedFromAboveOnly) {
   EXPECT_FALSE(k.lower95);
   ASSERT_TRUE(k.upper95);
   // 1/100 - 1/(100 + k) = z95 sigma / |F|
-  const double miss = kZ95 * 2e-4 / kLoads.norm();
+  const double miss = kNormal95 * 2e-4 / kLoads.norm();
   EXPECT_NEAR(*k.upper95, 1 / (0.01 - miss) - 100, 0.03 * *k.upper95);
   expect_says(k.explanation, {"below", "nothing more"});
 }
