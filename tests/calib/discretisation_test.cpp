@@ -49,5 +49,25 @@ TEST(Discretisation, TheBiasOfAParameterThatIsNotLogarithmicHasTheSignAndSizeOfI
   EXPECT_NEAR(found.shares[0].bias[0], off, 0.15 * std::abs(off));
 }
 
+TEST(Discretisation, APlaneMeshOfElevenThousandUnknownsIsHalvedAndDoubled) {
+  const TemporaryFolder folder;
+  folder.write("bench.csv", "trial,pull_N,tip_mm\na,0.01,1\n");
+  const Experiment e =
+      read_experiment(folder.write("beam.toml", replaced(beam_toml, "cells = [10, 4]", "cells = [60, 24]")));
+  Trials trials = read_trials(e.bench);
+  const StaticReplay bench = make_static_replay(e, e.mesh, trials);
+  std::vector<Measurement> exact = bench.measurements;
+  exact[0].value = bench.protocol->predict(bench.protocol->nominal(), {}).values[exact[0].row];
+  trials.readings[0].value = exact[0].value;
+  FitOptions options;
+  options.profiles = false;
+  const FitResult found = taut::fit(*bench.protocol, exact, free_parameters(e, *bench.protocol), options);
+  ASSERT_EQ(found.status, FitStatus::converged) << found.message;
+  const std::string how = discretisation_shares(e, trials, found).at(0).how;
+  for (const char* part : {"30 x 12", "60 x 24", "120 x 48"})
+    EXPECT_NE(how.find(part), std::string::npos) << part << ": " << how;
+  EXPECT_EQ(how.find("too long"), std::string::npos) << how;
+}
+
 }  // namespace
 }  // namespace taut::test

@@ -27,7 +27,7 @@ Eigen::VectorXd rigid_motion(const Mesh& mesh, const Eigen::MatrixXd& R, const E
   return u;
 }
 
-Eigen::VectorXd some(int d, double a, double b, double c) {
+Eigen::VectorXd first_of(int d, double a, double b, double c) {
   return d == 2 ? vec({a, b}) : vec({a, b, c});
 }
 
@@ -36,8 +36,8 @@ struct Marker {
   explicit Marker(ElementShape shape) : mesh(irregular_mesh(shape)), d(mesh.dimension()) {
     const Tag face = mesh.select("xmax");
     foot_point = mesh.node(face.entities[0]);
-    standoff = some(d, 0.04, -0.015, 0.02);
-    direction = some(d, 1, 3, -2);
+    standoff = first_of(d, 0.04, -0.015, 0.02);
+    direction = first_of(d, 1, 3, -2);
     channel = make_marker_channel(mesh, locate(mesh, foot_point), standoff, face, direction);
   }
   Mesh mesh;
@@ -82,7 +82,7 @@ TEST(MarkerChannel, IsExactForRigidMotions) {
     const Marker marker(shape);
     for (double angle : {0.0, 1e-6, 0.3, 1.5, 3.0, -2.5}) {
       const Eigen::MatrixXd R = rotation(marker.d, angle);
-      const Eigen::VectorXd t = some(marker.d, 0.02, -0.03, 0.05);
+      const Eigen::VectorXd t = first_of(marker.d, 0.02, -0.03, 0.05);
       const Eigen::VectorXd point = marker.foot_point + marker.standoff;
       const double expected = marker.direction.normalized().dot(R * point + t - point);
       EXPECT_NEAR(marker.channel->value({rigid_motion(marker.mesh, R, t), none}), expected, 5e-16)
