@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <boost/program_options.hpp>
 #include <nlohmann/json.hpp>
 
 #include "calib/runs/open_bench.hpp"
@@ -34,7 +35,11 @@ int check_main(const CommandOptions& options) {
     print_json(check_json(record, table, bench->free()));
   else
     print_check(record, table, bench->free());
-  return exit_ok;
+  return options.strict && !record.remarks.empty() ? exit_input : exit_ok;
+}
+
+void add_check_options(AddOption add, CommandOptions& options) {
+  add("strict", boost::program_options::bool_switch(&options.strict), "exit code 2 when there is a warning");
 }
 
 }  // namespace
@@ -44,7 +49,7 @@ Command check_command() {
           "EXPERIMENT",
           "Reads an experiment and its bench, says what it understood, finds problems; solves nothing.",
           "  taut check experiments/silicone_block/experiment.toml\n",
-          nullptr,
+          add_check_options,
           check_main};
 }
 

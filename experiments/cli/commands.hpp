@@ -33,6 +33,7 @@ struct CommandOptions {
   bool json = false;
   bool quiet = false;
   bool no_variants = false;  ///< fit: without the [[fit.variant]] ones
+  bool strict = false;       ///< check: warnings are errors
   bool fresh = false;        ///< fit: not from where an interrupted run stopped
   bool anyway = false;       ///< predict: also from a fit without a result
   int threads = 0;

@@ -256,6 +256,7 @@ Mesh merge(const std::vector<std::pair<std::string, Mesh>>& parts) {
       for (int& node : tag.entities) node += first;
       whole.tags[name + "." + tag_name] = std::move(tag);
     }
+    whole.remarks.insert(whole.remarks.end(), mesh.remarks.begin(), mesh.remarks.end());
   }
   return whole;
 }

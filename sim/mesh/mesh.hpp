@@ -58,7 +58,8 @@ struct Mesh {
   std::vector<int> region;    ///< region index of each element
   std::vector<std::string> region_names;
   std::map<std::string, Tag> tags;
-  std::vector<Part> parts;  ///< empty: the mesh is one piece
+  std::vector<Part> parts;           ///< empty: the mesh is one piece
+  std::vector<std::string> remarks;  ///< what was mended when it was read, for people
 
   int dimension() const { return dimension_of(shape); }                                          ///< 2 or 3
   int nodes_per_element() const { return nodes_of(shape); }                                      ///< 3 to 10

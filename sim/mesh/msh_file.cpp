@@ -419,7 +419,10 @@ class MshReader {
     }
   }
 
+  /// Facets, lines and points of physical groups, each once: what multiplies by a tag's measure would count it twice.
   void add_tags(Mesh& mesh) {
+    std::set<std::pair<std::string, std::vector<Number>>> known;
+    std::map<std::string, int> repeated;
     for (const FileElement& element : elements_) {
       const int dimension = element.type.dimension;
       if (dimension == mesh.dimension()) continue;
@@ -431,6 +434,12 @@ class MshReader {
                          fmt::format("physical groups of dimensions {} and {} are both called '{}'; rename "
                                      "one",
                                      tag.dimension, dimension, name));
+        }
+        std::vector<Number> sorted = element.nodes;
+        std::ranges::sort(sorted);
+        if (!known.emplace(name, std::move(sorted)).second) {
+          ++repeated[name];
+          continue;
         }
         for (Number node : element.nodes) {
           const int number = mesh_number_[node_index(element, node)];
@@ -444,6 +453,9 @@ class MshReader {
         }
       }
     }
+    for (const auto& [name, count] : repeated)
+      mesh.remarks.push_back(
+          fmt::format("{}: '{}' lists {} of its entities twice; each counts once", lines_.path(), name, count));
   }
 
   Lines lines_;

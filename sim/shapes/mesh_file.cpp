@@ -4,13 +4,21 @@
 
 #include "sim/core/error.hpp"
 #include "sim/mesh/msh_file.hpp"
+#include "sim/mesh/one_body.hpp"
 
 namespace taut {
 
 std::vector<ShapeKey> MeshFile::keys() {
   return {{"file", &file, Allowed::any(), "Gmsh 2.2 or 4.1, ASCII", Quantity::pure, true},
           {"unit", &unit, Allowed::any(), "of the file's coordinates", Quantity::length, true},
-          {"dimension", &axes, Allowed::at_least(2, 3), "of the mesh", Quantity::pure}};
+          {"dimension", &axes, Allowed::at_least(2, 3), "of the mesh", Quantity::pure},
+          {"bodies", &bodies, Allowed::any(), "\"joined\", or \"separate\": parts that share no node are meant",
+           Quantity::pure}};
+}
+
+void MeshFile::check() const {
+  if (bodies != "joined" && bodies != "separate")
+    throw InputError(fmt::format("bodies must be \"joined\" or \"separate\", not \"{}\"", bodies));
 }
 
 Mesh MeshFile::mesh(const MeshSettings& settings, bool, bool) const {
@@ -19,6 +27,7 @@ Mesh MeshFile::mesh(const MeshSettings& settings, bool, bool) const {
     throw InputError(
         fmt::format("{} is a {}D mesh; set dimension = {}", file.path, mesh.dimension(), mesh.dimension()));
   }
+  check_one_body(mesh, file.path, bodies == "separate");
   if (settings.order == 2 && order_of(mesh.shape) == 1) return to_quadratic(mesh);
   if (settings.order == 1 && order_of(mesh.shape) == 2)
     throw InputError(fmt::format("{} has quadratic elements; set element = \"quadratic\"", file.path));

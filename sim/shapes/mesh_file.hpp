@@ -7,13 +7,15 @@ namespace taut {
 /// where the settings say so, not the other way round.
 struct MeshFile final : Shape {
   InputFile file;
-  LengthUnit unit;  ///< of its coordinates
-  int axes = 3;     ///< that its nodes have
+  LengthUnit unit;                ///< of its coordinates
+  int axes = 3;                   ///< that its nodes have
+  std::string bodies = "joined";  ///< or "separate": parts that share no node are meant
 
   std::unique_ptr<Shape> clone() const override { return std::make_unique<MeshFile>(*this); }
   std::string kind() const override { return "msh"; }
   int dimension() const override { return axes; }
   std::vector<ShapeKey> keys() override;
+  void check() const override;
   std::vector<MeshKey> mesh_keys() const override { return {}; }
   Mesh mesh(const MeshSettings& settings, bool contact, bool compensate) const override;
 };

@@ -331,5 +331,15 @@ TEST(MshFile, WrongFilesAreRefusedWithPathAndLine) {
   expect_input_error(read(replaced(square_41, "$EndNodeData\n", "")), {"$EndNodeData"});
 }
 
+TEST(MshFile, WhatAGroupListsTwiceCountsOnce) {
+  const std::string twice = replaced(replaced(square_22, "$Elements\n6", "$Elements\n7"), "2 1 2 5 4 1 4\n",
+                                     "2 1 2 5 4 1 4\n7 1 2 5 4 4 1\n");
+  const Mesh once = read_text(square_22), mesh = read_text(twice);
+  EXPECT_EQ(mesh.tags.at("left edge").count(), once.tags.at("left edge").count());
+  ASSERT_EQ(mesh.remarks.size(), 1u);
+  EXPECT_NE(mesh.remarks[0].find("'left edge' lists 1 of its entities twice"), std::string::npos) << mesh.remarks[0];
+  EXPECT_TRUE(once.remarks.empty());
+}
+
 }  // namespace
 }  // namespace taut
