@@ -13,7 +13,7 @@
 namespace taut {
 namespace {
 
-using Point = Eigen::Vector3d;
+using Place3 = Eigen::Vector3d;
 
 constexpr std::string_view join =
     "join them where the mesh is made (in Gmsh: Coherence before meshing, or 'Coherence Mesh' after it), or set bodies "
@@ -24,12 +24,12 @@ constexpr std::string_view join =
 class Grid {
  public:
   explicit Grid(double size) : size_(size) {}
-  void add(const Point& low, const Point& high, int thing) {
+  void add(const Place3& low, const Place3& high, int thing) {
     each_cell(low, high, [&](std::size_t cell) { things_[cell].push_back(thing); });
   }
   /// Calls `action` with all that may lie in the box; some more than once.
   template <class Action>
-  void visit(const Point& low, const Point& high, Action&& action) const {
+  void visit(const Place3& low, const Place3& high, Action&& action) const {
     each_cell(low, high, [&](std::size_t cell) {
       const auto found = things_.find(cell);
       if (found == things_.end()) return;
@@ -39,7 +39,7 @@ class Grid {
 
  private:
   template <class Action>
-  void each_cell(const Point& low, const Point& high, Action&& action) const {
+  void each_cell(const Place3& low, const Place3& high, Action&& action) const {
     const auto cell = [&](double x) { return static_cast<long>(std::floor(x / size_)); };
     for (long i = cell(low[0]); i <= cell(high[0]); ++i) {
       for (long j = cell(low[1]); j <= cell(high[1]); ++j) {
@@ -76,7 +76,7 @@ class Simplices {
 
   void refuse_coincident(std::string_view where) const {
     const double near = 1e-3 * mean_edge_;
-    const Point reach = Point::Constant(near);
+    const Place3 reach = Place3::Constant(near);
     Grid grid(0.5 * mean_edge_);
     int pairs = 0, first = -1, second = -1;
     for (int i : vertices_) {
@@ -128,7 +128,7 @@ class Simplices {
     Grid grid(mean_edge_);
     for (int i : vertices_) grid.add(at(i), at(i), i);
     for (int e = 0; e < mesh_.element_count(); ++e) {
-      Point low = at(mesh_.element(e)[0]), high = low;
+      Place3 low = at(mesh_.element(e)[0]), high = low;
       for (int a = 1; a < corners_; ++a) {
         low = low.cwiseMin(at(mesh_.element(e)[a]));
         high = high.cwiseMax(at(mesh_.element(e)[a]));
@@ -152,8 +152,8 @@ class Simplices {
   }
 
  private:
-  Point at(int node) const {
-    Point x = Point::Zero();
+  Place3 at(int node) const {
+    Place3 x = Place3::Zero();
     x.head(mesh_.dimension()) = mesh_.X.segment(node * mesh_.dimension(), mesh_.dimension());
     return x;
   }
