@@ -24,6 +24,20 @@ double misfit_ratio(const FitResult& fit) {
   return fit.dof > 0 ? fit.chi_squared / fit.dof : NAN;
 }
 
+std::string outlier_text(const RunRecord& record) {
+  const ReadingRecord* worst = nullptr;
+  double most = 0;
+  for (const ReadingRecord& reading : record.readings) {
+    const double part = std::pow((reading.measured - reading.predicted) / reading.sigma, 2);
+    if (!(part > most)) continue;
+    most = part;
+    worst = &reading;
+  }
+  if (worst == nullptr || !(most > 0.5 * record.fit.chi_squared)) return "";
+  return fmt::format("line {} alone makes {:.0f} % of chi squared: read it again, or take it out of the bench file",
+                     worst->line, 100 * most / record.fit.chi_squared);
+}
+
 bool can_judge(const FitResult& fit) {
   return fit.dof > 0 && std::isfinite(fit.chi_squared);
 }

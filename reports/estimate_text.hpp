@@ -1,10 +1,10 @@
 #pragma once
 #include <string>
 
-#include "calib/fit/fit.hpp"
+#include "calib/runs/run_record.hpp"
 #include "sim/core/units.hpp"
 
-/// Numbers of a fit as people write them. Used inside reports/ only.
+/// Numbers of a fit as people write them. For pages and the command.
 namespace taut {
 
 /// "+3.9 %", "not known" for NaN.
@@ -18,6 +18,8 @@ std::string bound(double value, const std::string& unit);
 double misfit_ratio(const FitResult& fit);
 /// There are more readings than parameters, and a result.
 bool can_judge(const FitResult& fit);
+/// "line 40 alone makes 98 % of chi squared: ..." when one reading makes more than half of it; else "".
+std::string outlier_text(const RunRecord& record);
 bool fits(const FitResult& fit);  ///< chi squared is not improbably large: p is 0.05 or more
 
 /// An estimate in one unit, cut to the digits that its standard error leaves.

@@ -111,9 +111,12 @@ std::optional<Section> answer(const RunRecord& record) {
     out += paragraph(fmt::format("No result: the fit is {}: {}.", name_of(fit.status), fit.message), "warning");
     return Section{out + "</div>\n"};
   }
-  if (misses_readings(fit))
-    out +=
-        paragraph("The model does not describe the readings: what its parameters are worth is not known.", "warning");
+  if (misses_readings(fit)) {
+    const std::string outlier = outlier_text(record);
+    out += paragraph("The model does not describe the readings: what its parameters are worth is not known." +
+                         (outlier.empty() ? "" : " But " + outlier + "."),
+                     "warning");
+  }
   for (const ParameterEstimate& estimate : fit.parameters) {
     const Shown shown(estimate);
     out += paragraph(fmt::format("{} = {}, 95 % interval {}, {}.", estimate.spec.id, shown.with_unit(estimate.value),

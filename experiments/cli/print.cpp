@@ -8,6 +8,7 @@
 
 #include "reports/axes.hpp"
 #include "reports/diagnostic.hpp"
+#include "reports/estimate_text.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/units.hpp"
 
@@ -133,6 +134,8 @@ void print_fit(const RunRecord& record) {
         "THE MODEL DOES NOT DESCRIBE THE READINGS: it misses them by {:.2g} standard deviations (root mean square); "
         "look for the readings that it misses most, units and signs, dimensions and the law, before the values below\n",
         std::sqrt(fit.chi_squared / fit.dof));
+    const std::string outlier = outlier_text(record);
+    if (!outlier.empty()) fmt::print("  {}\n", outlier);
   }
   for (size_t j = 0; j < fit.parameters.size(); ++j) print_parameter(record, j);
   print_goodness(fit);

@@ -30,7 +30,7 @@ struct KeyReader {
     *value = table.quantity(key.key, key.quantity);
     if (!key.allowed.holds(*value)) table.fail(key.key, fmt::format("the {} must be positive", key.key));
   }
-  void operator()(std::string* text) const { *text = table.text(key.key); }
+  void operator()(std::string* text) const { *text = text->empty() ? table.text(key.key) : table.text(key.key, *text); }
   void operator()(std::vector<double>* values) const {
     if (!key.required && !table.has(key.key)) return;
     *values = table.quantities(key.key, key.quantity, dimension);

@@ -10,6 +10,7 @@
 #include <set>
 #include <sstream>
 
+#include "reports/estimate_text.hpp"
 #include "sim/core/units.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/run_records.hpp"
@@ -125,6 +126,24 @@ TEST_F(ReportTest, ShapesOfSeveralMaterialsOrHeldValuesArePanelsWithFilledRegion
   std::set<std::string> regions;
   for (auto row : all) regions.insert(row["name"]);
   EXPECT_EQ(regions, (std::set<std::string>{"", "foam", "plastic"}));
+}
+
+TEST_F(ReportTest, AReadingThatMakesMostOfChiSquaredIsNamedFirst) {
+  RunRecord record = test::push_puppet_module();
+  EXPECT_EQ(outlier_text(record), "");
+  ReadingRecord& odd = record.readings.front();
+  record.fit.chi_squared = 1e4;
+  record.fit.chi_squared_p = 0;
+  odd.measured = odd.predicted + 0.9 * std::sqrt(1e4) * odd.sigma;
+  const std::string text = outlier_text(record);
+  EXPECT_EQ(text.find("line " + std::to_string(odd.line) + " alone makes 81 % of chi squared"), 0u) << text;
+  write_report(record, folder());
+  EXPECT_TRUE(contains(read_file(file("report.html")), text));
+  record.fit.status = FitStatus::not_converged;
+  write_report(record, folder());
+  const std::string page = read_file(file("report.html"));
+  EXPECT_TRUE(contains(page, "No result: the fit is not converged"));
+  EXPECT_FALSE(contains(page, "class=\"number\"")) << "no large type for what is no result";
 }
 
 TEST_F(ReportTest, MoreConditionsThanFitArePickedAndTheCaptionSaysSo) {
