@@ -108,7 +108,7 @@ std::optional<Section> answer(const RunRecord& record) {
   const FitResult& fit = record.fit;
   std::string out = "<div class=\"answer\">\n";
   if (fit.status != FitStatus::converged) {
-    out += paragraph(fmt::format("No result: the fit is {}: {}.", name_of(fit.status), fit.message), "warning");
+    out += paragraph(fmt::format("No result ({}): {}", name_of(fit.status), fit.message), "warning");
     return Section{out + "</div>\n"};
   }
   if (misses_readings(fit)) {

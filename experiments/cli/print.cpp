@@ -128,7 +128,7 @@ void print_fit(const RunRecord& record) {
   };
   if (record.simulated) fmt::print("SIMULATED DATA: the readings were made by a program, not measured.\n");
   if (fit.status != FitStatus::converged) {
-    fmt::print("NO RESULT: the fit is {}: {}\n", name_of(fit.status), fit.message);
+    fmt::print("NO RESULT ({}): {}\n", name_of(fit.status), fit.message);
   } else if (misses_readings(fit)) {
     fmt::print(
         "THE MODEL DOES NOT DESCRIBE THE READINGS: it misses them by {:.2g} standard deviations (root mean square); "

@@ -142,7 +142,7 @@ TEST_F(ReportTest, AReadingThatMakesMostOfChiSquaredIsNamedFirst) {
   record.fit.status = FitStatus::not_converged;
   write_report(record, folder());
   const std::string page = read_file(file("report.html"));
-  EXPECT_TRUE(contains(page, "No result: the fit is not converged"));
+  EXPECT_TRUE(contains(page, "No result (not converged)"));
   EXPECT_FALSE(contains(page, "class=\"number\"")) << "no large type for what is no result";
 }
 
@@ -335,7 +335,7 @@ TEST_F(ReportTest, ARecordWithoutResultsIsStillReported) {
   record.variants[0].values = {nan};
   write_run(record, folder());
   const std::string html = read_file(file("report.html"));
-  EXPECT_TRUE(contains(html, "The fit has not converged (start failed): the first simulation failed."));
+  EXPECT_TRUE(contains(html, "No result (start failed): the first simulation failed."));
   EXPECT_TRUE(contains(html, "open on both sides"));
   EXPECT_TRUE(contains(html, "no limit"));
   for (const char* bad : {">nan", " nan", ">inf<", " inf ", ">-nan", "inf Pa", "nan %"})
