@@ -101,8 +101,8 @@ struct FitResult {
   std::vector<std::string> failures;  ///< sentences of the failed simulations, the first few
 };
 
-/// Whether a chi squared as large as the fit's has a probability below 1e-6 under the declared noise: the model does not
-/// describe the readings, or the sigmas are far too small.
+/// Whether a chi squared as large as the fit's has a probability below 1e-6 under the declared noise: the model does
+/// not describe the readings, or the sigmas are far too small.
 bool misses_readings(const FitResult& fit);
 
 /// Where a fit is, for those who watch.
