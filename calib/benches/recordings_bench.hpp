@@ -27,6 +27,7 @@ class RecordingsBench final : public Bench {
   std::string size_text() const override;
   Lines describe() const override;
   std::string effort() const override;
+  std::vector<std::string> warnings_before() const override { return replay_.protocol->scene().model->mesh().remarks; }
 
  private:
   const std::string& recording(const Sample& sample) const;

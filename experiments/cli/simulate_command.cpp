@@ -226,6 +226,7 @@ SimulationRecord start_simulation_record(const Simulation& simulation, const Rob
   record.title = simulation.title;
   record.description = simulation.description;
   record.mesh = robot.scene.model->mesh();
+  for (const std::string& remark : record.mesh.remarks) record.facts.emplace_back("mesh", remark);
   for (size_t k = 0; k < robot.cables.size(); ++k)
     record.lines.push_back({simulation.cables.cables[k].id, robot.cables[k].points});
   for (const std::vector<Eigen::Vector2d>& line : simulation.contact.obstacles)
@@ -249,6 +250,7 @@ int check_simulation(const CommandOptions& options) {
   std::vector<std::pair<std::string, std::string>> lines;
   for (const Part& part : mesh.parts)
     lines.emplace_back("body " + part.name, fmt::format("{} elements, {} nodes", part.element_count, part.node_count));
+  for (const std::string& remark : mesh.remarks) lines.emplace_back("mesh", remark);
   if (!simulation.encoding.empty()) lines.emplace_back("file", simulation.encoding);
   lines.emplace_back("unknowns", fmt::format("{}", robot.scene.model->free_unknowns()));
   lines.emplace_back("time integration",

@@ -3,7 +3,7 @@
 #include <Eigen/Geometry>
 #include <vector>
 
-#include "sim/contact/box_tree.hpp"
+#include "sim/core/box_tree.hpp"
 #include "sim/model/term.hpp"
 
 // Plane geometry of contact: distances with derivatives, the barrier, motion without collision, crossing of segments,

@@ -4,7 +4,7 @@
 #include <array>
 #include <vector>
 
-#include "sim/contact/box_tree.hpp"
+#include "sim/core/box_tree.hpp"
 
 // Geometry of contact in space: distances of points, lines and planes with derivatives, motion without collision,
 // crossing of segments and triangles, and the search for what is near. Relative positions are handed over as vectors,

@@ -143,6 +143,7 @@ Mesh extrude(const Mesh& plane, double depth, int layers) {
   Mesh mesh;
   mesh.shape = ElementShape::tet4;
   mesh.region_names = plane.region_names;
+  mesh.remarks = plane.remarks;
   place_columns(plane, columns, depth, mesh);
   sweep_elements(plane, columns, mesh);
   for (const auto& [name, tag] : plane.tags) sweep_tag(plane, name, tag, columns, mesh);

@@ -367,6 +367,7 @@ class MshReader {
     }
     int used = 0;
     for (int& number : mesh_number_) number = number < 0 ? -1 : used++;
+    remark_unused(mesh);
     mesh.X.resize(used * d);
     Eigen::Matrix3Xd positions(3, used);
     for (size_t i = 0; i < nodes_.size(); ++i) {
@@ -376,11 +377,27 @@ class MshReader {
     }
     const Eigen::Vector3d extent = positions.rowwise().maxCoeff() - positions.rowwise().minCoeff();
     if (d == 2 && extent[2] > 1e-9 * extent.norm()) {
+      // The plane is where most nodes are; what lies farthest from it is the one to look at.
+      std::vector<double> heights(positions.row(2).begin(), positions.row(2).end());
+      std::ranges::nth_element(heights, heights.begin() + used / 2);
+      Eigen::Index farthest = 0;
+      (positions.row(2).array() - heights[static_cast<size_t>(used / 2)]).abs().maxCoeff(&farthest);
       lines_.fail(
-          fmt::format("triangles only, but z varies by {:.4g} mm: a surface in space is not supported; mesh the "
-                      "volume, or draw the outline at one z",
-                      1e3 * extent[2]));
+          fmt::format("triangles only, but z varies by {:.4g} mm, a node is at {}: a surface in space is not "
+                      "supported; mesh the volume, or draw the outline at one z",
+                      1e3 * extent[2], in_millimetres(positions.col(farthest))));
     }
+  }
+
+  /// Construction points, say. They would be free to move.
+  void remark_unused(Mesh& mesh) const {
+    const auto count = std::ranges::count(mesh_number_, -1);
+    if (count == 0) return;
+    const auto first = static_cast<size_t>(std::ranges::find(mesh_number_, -1) - mesh_number_.begin());
+    mesh.remarks.push_back(fmt::format("{}: {} in no {}, {}at {}; left out", lines_.path(),
+                                       count == 1 ? "1 node is" : fmt::format("{} nodes are", count),
+                                       mesh.dimension() == 2 ? "triangle" : "tetrahedron",
+                                       count == 1 ? "" : "the first ", in_millimetres(nodes_[first])));
   }
 
   void add_regions(Mesh& mesh) {
@@ -397,12 +414,18 @@ class MshReader {
       for (Number group : element.groups) groups.emplace(group, name_of_group(d, group));
     }
     for (const auto& [group, name] : groups) mesh.add_region(name);
-    std::map<std::vector<Number>, Number> line_of_vertices;
+    std::map<std::vector<Number>, const FileElement*> known;  // by their vertices
+    int turned = 0, repeated = 0;
     for (const FileElement& element : elements_) {
       if (element.type.dimension != d) continue;
       std::vector<Number> vertices(element.nodes.begin(), element.nodes.begin() + d + 1);
       std::sort(vertices.begin(), vertices.end());
-      const auto [first, is_new] = line_of_vertices.try_emplace(vertices, element.line);
+      const auto [first, is_new] = known.try_emplace(vertices, &element);
+      const std::string region = name_of_group(d, element.groups[0]);
+      if (!is_new && element.groups.size() == 1 && name_of_group(d, first->second->groups[0]) == region) {
+        ++repeated;
+        continue;
+      }
       // Format 2.2 repeats an element for each of its groups.
       if (!is_new || element.groups.size() > 1) {
         lines_.fail_at(
@@ -410,13 +433,22 @@ class MshReader {
             fmt::format("element {} {}; every element belongs to one region only", element.number,
                         is_new ? fmt::format("is in the physical groups '{}' and '{}'",
                                              name_of_group(d, element.groups[0]), name_of_group(d, element.groups[1]))
-                               : fmt::format("has the vertices of the element on line {}", first->second)));
+                               : fmt::format("has the vertices of the element on line {}", first->second->line)));
       }
       for (Number node : element.nodes) mesh.elements.push_back(mesh_number_[node_index(element, node)]);
-      mesh.region.push_back(mesh.region_index(name_of_group(d, element.groups[0])));
+      mesh.region.push_back(mesh.region_index(region));
       const int e = mesh.element_count() - 1;
-      if (vertex_determinant(mesh, e) < 0.0) flip_element(mesh.shape, &mesh.elements[e * mesh.nodes_per_element()]);
+      if (vertex_determinant(mesh, e) >= 0.0) continue;
+      flip_element(mesh.shape, &mesh.elements[e * mesh.nodes_per_element()]);
+      ++turned;
     }
+    // All the same way round is a convention of who wrote the file.
+    if (turned > 0 && turned < mesh.element_count())
+      mesh.remarks.push_back(fmt::format("{}: {} of {} elements list their nodes the other way round; turned",
+                                         lines_.path(), turned, mesh.element_count()));
+    if (repeated > 0)
+      mesh.remarks.push_back(fmt::format("{}: {} listed twice; each counts once", lines_.path(),
+                                         repeated == 1 ? "1 element is" : fmt::format("{} elements are", repeated)));
   }
 
   /// Facets, lines and points of physical groups, each once: what multiplies by a tag's measure would count it twice.

@@ -4,187 +4,326 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <map>
 #include <numeric>
-#include <unordered_map>
+#include <optional>
 
+#include "sim/core/box_tree.hpp"
 #include "sim/core/error.hpp"
+#include "sim/core/sorted.hpp"
 #include "sim/mesh/topology.hpp"
 
 namespace taut {
 namespace {
 
-using Place3 = Eigen::Vector3d;
+using Place3 = Eigen::Vector3d;  ///< in the plane z = 0
+using Tree = BoxTree<3>;
 
-constexpr std::string_view join =
-    "join them where the mesh is made (in Gmsh: Coherence before meshing, or 'Coherence Mesh' after it), or set bodies "
-    "= "
-    "\"separate\" under [geometry] if they are not bonded";
+constexpr std::string_view join_them =
+    "join them where the mesh is made (in Gmsh: Coherence before meshing, or 'Coherence Mesh' after it), or set "
+    "bodies = \"separate\" under [geometry] if they are not bonded";
 
-/// Things by the cells of a regular grid that they lie in.
-class Grid {
+/// Of the shortest edge: what is nearer than that is meant to be one place.
+constexpr double near = 1e-3;
+/// Of an element's height: sides of a curved seam that are meshed differently lie this deep in one another.
+constexpr double shallow = 0.05;
+
+std::string and_more(size_t count, std::string_view what) {
+  return count < 2 ? "" : fmt::format(", and {} {} elsewhere", count - 1, what);
+}
+
+/// Sets that are joined step by step.
+class Sets {
  public:
-  explicit Grid(double size) : size_(size) {}
-  void add(const Place3& low, const Place3& high, int thing) {
-    each_cell(low, high, [&](std::size_t cell) { things_[cell].push_back(thing); });
+  explicit Sets(int count) : parent_(static_cast<size_t>(count)) { std::iota(parent_.begin(), parent_.end(), 0); }
+  int root(int i) {
+    while (parent(i) != i) i = parent(i) = parent(parent(i));
+    return i;
   }
-  /// Calls `action` with all that may lie in the box; some more than once.
-  template <class Action>
-  void visit(const Place3& low, const Place3& high, Action&& action) const {
-    each_cell(low, high, [&](std::size_t cell) {
-      const auto found = things_.find(cell);
-      if (found == things_.end()) return;
-      for (int thing : found->second) action(thing);
-    });
+  void join(int a, int b) { parent(root(a)) = root(b); }
+
+ private:
+  int& parent(int i) { return parent_[static_cast<size_t>(i)]; }
+  std::vector<int> parent_;
+};
+
+Place3 place_of(const Mesh& mesh, int node) {
+  Place3 x = Place3::Zero();
+  x.head(mesh.dimension()) = mesh.X.segment(node * mesh.dimension(), mesh.dimension());
+  return x;
+}
+
+/// One straight simplex between vertices, for questions where a point lies in it.
+class Simplex {
+ public:
+  Simplex(const Mesh& mesh, int e) : origin_(place_of(mesh, mesh.element(e)[0])), d_(mesh.dimension()) {
+    Small edges(d_, d_);
+    for (int a = 0; a < d_; ++a) edges.col(a) = (place_of(mesh, mesh.element(e)[a + 1]) - origin_).head(d_);
+    // Round-off decides where a point lies in a flat element: it is said to be outside.
+    flat_ = !(std::abs(edges.determinant()) > 1e-8 * std::pow(edges.colwise().norm().maxCoeff(), d_));
+    if (flat_) return;
+    gradients_.resize(d_ + 1, d_);
+    gradients_.bottomRows(d_) = edges.inverse();
+    gradients_.row(0) = -gradients_.bottomRows(d_).colwise().sum();
+  }
+
+  enum class Side { outside, on, in };
+  /// `in`: deeper than `shallow` of each height. `on`: less deep, or no farther outside than `near` of heights and of
+  /// `size` [m].
+  Side side(const Place3& x, double size) const {
+    if (flat_) return Side::outside;
+    Eigen::VectorXd weights = gradients_ * (x - origin_).head(d_);
+    weights[0] += 1;
+    if (weights.minCoeff() > shallow) return Side::in;
+    for (int a = 0; a <= d_; ++a) {
+      if (weights[a] < -near * std::min(1.0, size * gradients_.row(a).norm())) return Side::outside;
+    }
+    return Side::on;
   }
 
  private:
-  template <class Action>
-  void each_cell(const Place3& low, const Place3& high, Action&& action) const {
-    const auto cell = [&](double x) { return static_cast<long>(std::floor(x / size_)); };
-    for (long i = cell(low[0]); i <= cell(high[0]); ++i) {
-      for (long j = cell(low[1]); j <= cell(high[1]); ++j) {
-        for (long k = cell(low[2]); k <= cell(high[2]); ++k)
-          action((static_cast<std::size_t>(i) * 73856093u) ^ (static_cast<std::size_t>(j) * 19349663u) ^
-                 (static_cast<std::size_t>(k) * 83492791u));
-      }
-    }
-  }
-  double size_;
-  std::unordered_map<std::size_t, std::vector<int>> things_;
+  using Small = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 4, 3>;
+  Place3 origin_;
+  int d_;
+  bool flat_ = false;
+  Small gradients_;  ///< of the barycentric coordinates: their norms are one over the heights
 };
 
-/// The straight simplices between the vertices of a mesh.
-class Simplices {
+/// What of a mesh meets without being joined.
+class Meetings {
  public:
-  explicit Simplices(const Mesh& mesh) : mesh_(mesh), corners_(mesh.dimension() + 1) {
-    std::vector<bool> vertex(static_cast<size_t>(mesh.node_count()), false);
-    double sum = 0;
-    int edges = 0;
-    for (int e = 0; e < mesh.element_count(); ++e) {
-      for (int a = 0; a < corners_; ++a) {
-        vertex[static_cast<size_t>(mesh.element(e)[a])] = true;
-        const double length = (at(mesh.element(e)[a]) - at(mesh.element(e)[(a + 1) % corners_])).norm();
-        sum += length;
-        ++edges;
-      }
-    }
+  explicit Meetings(const Mesh& mesh) : mesh_(mesh), corners_(mesh.dimension() + 1) {
+    measure_vertices();
+    enclose_elements();
     for (int i = 0; i < mesh.node_count(); ++i) {
-      if (vertex[static_cast<size_t>(i)]) vertices_.push_back(i);
+      if (std::isfinite(size(i))) meet(i);
     }
-    mean_edge_ = sum / std::max(edges, 1);
+    for (int e = 0; e < mesh.element_count(); ++e) meet_centroid(e);
+    compare_mid_nodes();
+    sort_unique(coincident_);
+  }
+
+  void refuse_overlaps(std::string_view where) const {
+    if (overlaps_.empty()) return;
+    throw InputError(fmt::format(
+        "{}: elements overlap at {}{}; cut one of the bodies out of the other where the mesh is made (in Gmsh: "
+        "BooleanFragments), or delete what is there twice",
+        where, in_millimetres(overlaps_[0]), and_more(overlaps_.size(), "places")));
   }
 
   void refuse_coincident(std::string_view where) const {
-    const double near = 1e-3 * mean_edge_;
-    const Place3 reach = Place3::Constant(near);
-    Grid grid(0.5 * mean_edge_);
-    int pairs = 0, first = -1, second = -1;
-    for (int i : vertices_) {
-      grid.visit(at(i) - reach, at(i) + reach, [&](int other) {
-        if (other == i || (at(i) - at(other)).norm() > near) return;
-        if (pairs++ == 0) {
-          first = other;
-          second = i;
-        }
-      });
-      grid.add(at(i), at(i), i);
-    }
-    if (pairs == 0) return;
+    if (coincident_.empty()) return;
     throw InputError(fmt::format(
         "{}: two nodes coincide at {}{}: the elements that meet there have nodes of their own and are not joined; {}",
-        where, in_millimetres(mesh_.node(first)), pairs == 1 ? "" : fmt::format(", and {} pairs elsewhere", pairs - 1),
-        join));
+        where, in_millimetres(mesh_.node(coincident_[0].first)), and_more(coincident_.size(), "pairs"), join_them));
   }
 
-  void refuse_parts(std::string_view where) const {
-    std::vector<int> root(static_cast<size_t>(mesh_.node_count()));
-    std::iota(root.begin(), root.end(), 0);
-    const auto find = [&](int i) {
-      while (root[static_cast<size_t>(i)] != i)
-        i = root[static_cast<size_t>(i)] = root[static_cast<size_t>(root[static_cast<size_t>(i)])];
-      return i;
-    };
-    for (int e = 0; e < mesh_.element_count(); ++e) {
-      for (int a = 1; a < corners_; ++a)
-        root[static_cast<size_t>(find(mesh_.element(e)[a]))] = find(mesh_.element(e)[0]);
-    }
-    std::vector<int> elements;  // the first of each part
-    std::vector<int> roots;
-    for (int e = 0; e < mesh_.element_count(); ++e) {
-      const int r = find(mesh_.element(e)[0]);
-      if (std::ranges::find(roots, r) != roots.end()) continue;
-      roots.push_back(r);
-      elements.push_back(e);
-      if (roots.size() == 100) break;
-    }
-    if (roots.size() < 2) return;
-    throw InputError(fmt::format("{}: the mesh has {} parts that share no node, one of them at {}, another at {}; {}",
-                                 where, roots.size() == 100 ? "100 or more" : std::to_string(roots.size()),
-                                 in_millimetres(mesh_.centroid(elements[0])),
-                                 in_millimetres(mesh_.centroid(elements[1])), join));
-  }
-
-  void refuse_overlaps(std::string_view where, bool separate) const {
-    Grid grid(mean_edge_);
-    for (int i : vertices_) grid.add(at(i), at(i), i);
-    for (int e = 0; e < mesh_.element_count(); ++e) {
-      Place3 low = at(mesh_.element(e)[0]), high = low;
-      for (int a = 1; a < corners_; ++a) {
-        low = low.cwiseMin(at(mesh_.element(e)[a]));
-        high = high.cwiseMax(at(mesh_.element(e)[a]));
-      }
-      grid.visit(low, high, [&](int i) {
-        const double depth = depth_of(i, e);
-        if (depth > 1e-3) {
-          throw InputError(
-              fmt::format("{}: elements overlap at {}: a node lies inside the element around {}; cut one of the bodies "
-                          "out of the other where the mesh is made (in Gmsh: BooleanFragments)",
-                          where, in_millimetres(mesh_.node(i)), in_millimetres(mesh_.centroid(e))));
-        }
-        if (depth > -1e-6 && !separate) {
-          throw InputError(fmt::format(
-              "{}: a hanging node at {} lies on the side of the element around {} without being one of its nodes: the "
-              "elements on either side are not joined there; mesh both sides with the same nodes",
-              where, in_millimetres(mesh_.node(i)), in_millimetres(mesh_.centroid(e))));
-        }
-      });
-    }
+  void refuse_hanging(std::string_view where) const {
+    if (hanging_.empty()) return;
+    const auto [node, e] = hanging_[0];
+    throw InputError(
+        fmt::format("{}: a hanging node at {} lies on the side of the element around {} without being one of its "
+                    "nodes{}: the elements on either side are not joined there; mesh both sides with the same nodes",
+                    where, in_millimetres(mesh_.node(node)), in_millimetres(mesh_.centroid(e)),
+                    and_more(hanging_.size(), "such nodes")));
   }
 
  private:
-  Place3 at(int node) const {
-    Place3 x = Place3::Zero();
-    x.head(mesh_.dimension()) = mesh_.X.segment(node * mesh_.dimension(), mesh_.dimension());
-    return x;
+  double size(int node) const { return sizes_[static_cast<size_t>(node)]; }
+
+  void measure_vertices() {
+    sizes_.assign(static_cast<size_t>(mesh_.node_count()), std::numeric_limits<double>::infinity());
+    for (int e = 0; e < mesh_.element_count(); ++e) {
+      for (const auto& [a, b] : edges_of(mesh_.shape)) {
+        const int from = mesh_.element(e)[a], to = mesh_.element(e)[b];
+        const double length = (place_of(mesh_, from) - place_of(mesh_, to)).norm();
+        for (int node : {from, to}) sizes_[static_cast<size_t>(node)] = std::min(size(node), length);
+      }
+    }
   }
 
-  /// The smallest barycentric coordinate of a vertex in an element: negative outside. -1 for the element's own.
-  double depth_of(int node, int e) const {
-    const int* nodes = mesh_.element(e);
-    if (std::find(nodes, nodes + corners_, node) != nodes + corners_) return -1;
-    const int d = mesh_.dimension();
-    Eigen::MatrixXd edges(d, d);
-    for (int a = 0; a < d; ++a) edges.col(a) = (at(nodes[a + 1]) - at(nodes[0])).head(d);
-    const Eigen::VectorXd weights = edges.partialPivLu().solve((at(node) - at(nodes[0])).head(d));
-    const double depth = std::min(weights.minCoeff(), 1 - weights.sum());
-    // What coincides with one of its vertices lies beside the element, not on its side.
-    const bool at_vertex = std::max(weights.maxCoeff(), 1 - weights.sum()) > 1 - 1e-3;
-    return at_vertex ? -1 : depth;
+  void enclose_elements() {
+    std::vector<Tree::Place> centroids;
+    std::vector<Tree::Box> boxes;
+    for (int e = 0; e < mesh_.element_count(); ++e) {
+      Tree::Box box;
+      for (int a = 0; a < corners_; ++a) box.extend(place_of(mesh_, mesh_.element(e)[a]));
+      const Place3 margin = Place3::Constant(near * box.sizes().maxCoeff());
+      centroids.push_back(box.center());
+      boxes.emplace_back(box.min() - margin, box.max() + margin);
+      simplices_.emplace_back(mesh_, e);
+    }
+    tree_ = Tree(centroids);
+    boxes_ = tree_.enclose(boxes);
+  }
+
+  /// A vertex against the elements that it does not belong to.
+  void meet(int node) {
+    const Place3 x = place_of(mesh_, node);
+    std::optional<int> hangs_on;
+    bool at_vertex = false, inside = false;
+    tree_.visit(boxes_, Tree::Box(x), [&](int e) {
+      const int* nodes = mesh_.element(e);
+      if (std::find(nodes, nodes + corners_, node) != nodes + corners_) return;
+      for (int a = 0; a < corners_; ++a) {
+        if ((x - place_of(mesh_, nodes[a])).norm() > near * std::min(size(node), size(nodes[a]))) continue;
+        coincident_.emplace_back(std::minmax(node, nodes[a]));
+        at_vertex = true;
+        return;
+      }
+      const Simplex::Side side = simplices_[static_cast<size_t>(e)].side(x, size(node));
+      inside = inside || side == Simplex::Side::in;
+      if (side == Simplex::Side::on && !hangs_on) hangs_on = e;
+    });
+    if (inside) overlaps_.push_back(mesh_.node(node));
+    if (hangs_on && !at_vertex) hanging_.emplace_back(node, *hangs_on);
+  }
+
+  void meet_centroid(int e) {
+    const Eigen::VectorXd centroid = mesh_.centroid(e);
+    Place3 x = Place3::Zero();
+    x.head(mesh_.dimension()) = centroid;
+    bool inside = false;
+    tree_.visit(boxes_, Tree::Box(x), [&](int other) {
+      inside = inside || (other != e && simplices_[static_cast<size_t>(other)].side(x, 0) == Simplex::Side::in);
+    });
+    if (inside) overlaps_.push_back(centroid);
+  }
+
+  void compare_mid_nodes() {
+    if (order_of(mesh_.shape) == 1) return;
+    std::map<std::pair<int, int>, int> mid_nodes;
+    const auto edges = edges_of(mesh_.shape);
+    for (int e = 0; e < mesh_.element_count(); ++e) {
+      const int* nodes = mesh_.element(e);
+      for (size_t k = 0; k < edges.size(); ++k) {
+        const int mid = nodes[corners_ + static_cast<int>(k)];
+        const int known =
+            mid_nodes.try_emplace(std::minmax({nodes[edges[k][0]], nodes[edges[k][1]]}), mid).first->second;
+        if (known != mid) coincident_.emplace_back(std::minmax(known, mid));
+      }
+    }
   }
 
   const Mesh& mesh_;
   int corners_;
-  std::vector<int> vertices_;
-  double mean_edge_ = 0;
+  std::vector<double> sizes_;  ///< of each vertex, its shortest edge [m]; infinite for mid-nodes
+  std::vector<Simplex> simplices_;
+  Tree tree_;
+  std::vector<Tree::Box> boxes_;
+  std::vector<std::pair<int, int>> coincident_;  ///< nodes
+  std::vector<std::pair<int, int>> hanging_;     ///< node and element
+  std::vector<Eigen::VectorXd> overlaps_;        ///< places [m]
 };
+
+/// The first element and the number of elements of each part: what shares vertices.
+std::vector<std::pair<int, int>> parts_of(const Mesh& mesh) {
+  Sets nodes(mesh.node_count());
+  for (int e = 0; e < mesh.element_count(); ++e) {
+    for (int a = 1; a <= mesh.dimension(); ++a) nodes.join(mesh.element(e)[a], mesh.element(e)[0]);
+  }
+  std::vector<int> part(static_cast<size_t>(mesh.node_count()), -1);
+  std::vector<std::pair<int, int>> parts;
+  for (int e = 0; e < mesh.element_count(); ++e) {
+    int& number = part[static_cast<size_t>(nodes.root(mesh.element(e)[0]))];
+    if (number < 0) {
+      number = static_cast<int>(parts.size());
+      parts.emplace_back(e, 0);
+    }
+    ++parts[static_cast<size_t>(number)].second;
+  }
+  return parts;
+}
+
+void refuse_parts(const Mesh& mesh, std::string_view where) {
+  const auto parts = parts_of(mesh);
+  if (parts.size() < 2) return;
+  const auto text = [&](const std::pair<int, int>& part) {
+    return fmt::format("{} ({})", in_millimetres(mesh.centroid(part.first)),
+                       part.second == 1 ? "1 element" : fmt::format("{} elements", part.second));
+  };
+  throw InputError(fmt::format("{}: the mesh has {} parts that share no node, one of them at {}, another at {}; {}",
+                               where, parts.size(), text(parts[0]), text(parts[1]), join_them));
+}
+
+/// A vertex where elements meet that no chain of common sides connects; -1 for none. The mesh is one part.
+int hinge(const Mesh& mesh) {
+  const ReferenceFacets reference = facets_of(mesh.shape);
+  const int d = mesh.dimension();
+  std::vector<std::pair<std::array<int, 3>, int>> facets;
+  for (int e = 0; e < mesh.element_count(); ++e) {
+    for (int f = 0; f < reference.count; ++f) {
+      std::array<int, 3> vertices{-1, -1, -1};
+      for (int i = 0; i < d; ++i)
+        vertices[static_cast<size_t>(i)] =
+            mesh.element(e)[reference.nodes[static_cast<size_t>(f * reference.nodes_per_facet + i)]];
+      std::ranges::sort(vertices);
+      facets.emplace_back(vertices, e);
+    }
+  }
+  std::ranges::sort(facets);
+  Sets elements(mesh.element_count());
+  for (size_t k = 1; k < facets.size(); ++k) {
+    if (facets[k].first == facets[k - 1].first) elements.join(facets[k].second, facets[k - 1].second);
+  }
+  std::vector<int> owner(static_cast<size_t>(mesh.node_count()), -1);
+  for (int e = 0; e < mesh.element_count(); ++e) {
+    for (int a = 0; a <= d; ++a) {
+      int& root = owner[static_cast<size_t>(mesh.element(e)[a])];
+      if (root >= 0 && root != elements.root(e)) return mesh.element(e)[a];
+      root = elements.root(e);
+    }
+  }
+  return -1;
+}
+
+/// 1 for equilateral simplices, 0 for flat ones: measure against the squares of the edges.
+double quality(const Mesh& mesh, int e) {
+  double squares = 0;
+  for (const auto& [a, b] : edges_of(mesh.shape))
+    squares += (place_of(mesh, mesh.element(e)[a]) - place_of(mesh, mesh.element(e)[b])).squaredNorm();
+  const double determinant = std::abs(vertex_determinant(mesh, e));
+  return mesh.dimension() == 2 ? 2 * std::sqrt(3.0) * determinant / squares
+                               : 12 * std::pow(determinant / 2, 2.0 / 3) / squares;
+}
 
 }  // namespace
 
 void check_one_body(const Mesh& mesh, std::string_view where, bool separate) {
-  const Simplices simplices(mesh);
-  if (!separate) simplices.refuse_coincident(where);
-  simplices.refuse_overlaps(where, separate);
-  if (!separate) simplices.refuse_parts(where);
+  const Meetings meetings(mesh);
+  meetings.refuse_overlaps(where);
+  if (separate) return;
+  meetings.refuse_coincident(where);
+  meetings.refuse_hanging(where);
+  refuse_parts(mesh, where);
+}
+
+std::vector<std::string> oddities(const Mesh& mesh, std::string_view where) {
+  std::vector<std::string> found;
+  constexpr double needle = 1e-3;
+  int needles = 0, worst = 0;
+  for (int e = 0; e < mesh.element_count(); ++e) {
+    if (quality(mesh, e) < needle) ++needles;
+    if (quality(mesh, e) < quality(mesh, worst)) worst = e;
+  }
+  if (needles > 0)
+    found.push_back(
+        fmt::format("{}: {} of {} elements are needles (quality below {}; an equilateral one has 1), the worst around "
+                    "{}: the answer is poor near them; mesh that place anew, or remove the short edge that forces them",
+                    where, needles, mesh.element_count(), needle, in_millimetres(mesh.centroid(worst))));
+  if (const int node = hinge(mesh); node >= 0)
+    found.push_back(
+        fmt::format("{}: elements meet at {} in a {} only: a hinge, whose compliance depends on the mesh; let them "
+                    "share whole sides where they are bonded",
+                    where, in_millimetres(mesh.node(node)), mesh.dimension() == 2 ? "point" : "point or a line"));
+  const double size = mesh.diagonal();
+  if (size > 10 || size < 1e-4)
+    found.push_back(
+        fmt::format("{}: the mesh is {:.3g} mm from corner to corner: is `unit` right?", where, 1e3 * size));
+  return found;
 }
 
 }  // namespace taut

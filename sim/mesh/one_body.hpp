@@ -1,18 +1,24 @@
 #pragma once
+#include <string>
 #include <string_view>
+#include <vector>
 
 #include "sim/mesh/mesh.hpp"
 
 namespace taut {
 
-/// Whether a mesh from elsewhere is the body that it seems to be; names and places in the message are of vertices.
-/// Throws InputError where
-/// - two vertices coincide (to 1e-3 of the mean edge): the elements on either side of that seam are not joined;
-/// - elements share no vertex with others: there are several parts;
+/// Whether a mesh from elsewhere is the body that it seems to be; places in the message are of nodes or centroids.
+/// Distances are compared with a thousandth of the shortest edge at the vertex. Throws InputError where
+/// - a vertex lies deep in an element, or a centroid in another element: elements overlap, or are there twice;
+/// - two vertices coincide, or two mid-nodes of one edge: the elements on either side of that seam are not joined;
 /// - a vertex lies on an edge or face of an element whose vertex it is not: a hanging node;
-/// - a vertex lies inside an element: elements overlap.
-/// `separate`: several parts that may touch are meant, the first three are not asked. `where` starts the message (a
-/// file name, say). Cost: n log n for elements of about one size.
+/// - elements share no vertex with others: there are several parts.
+/// `separate`: several parts that may touch are meant, only the first is asked. `where` starts the message (a file
+/// name, say). Cost: n log n.
 void check_one_body(const Mesh& mesh, std::string_view where, bool separate);
+
+/// What may be meant and often is not, one sentence each: needles, parts that hang together at a point or line only, a
+/// size that tells of a wrong unit. `where` starts each.
+std::vector<std::string> oddities(const Mesh& mesh, std::string_view where);
 
 }  // namespace taut

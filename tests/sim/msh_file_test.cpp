@@ -42,6 +42,18 @@ Mesh read_text(const std::string& text, double unit = 1.0) {
   return read_msh(file.path(), unit);
 }
 
+/// How many remarks contain `part`.
+int count_of(const Mesh& mesh, const std::string& part) {
+  return static_cast<int>(
+      std::ranges::count_if(mesh.remarks, [&](const std::string& r) { return r.find(part) != std::string::npos; }));
+}
+
+std::string all_of(const Mesh& mesh) {
+  std::string all;
+  for (const std::string& remark : mesh.remarks) all += remark + "\n";
+  return all;
+}
+
 std::string replaced(std::string text, const std::string& from, const std::string& to) {
   const size_t at = text.find(from);
   EXPECT_NE(at, std::string::npos) << from;
@@ -317,7 +329,7 @@ TEST(MshFile, WrongFilesAreRefusedWithPathAndLine) {
   expect_input_error(read(replaced(square_22, "6 1 2 6 1", "6 1 2 11 1")),
                      {".msh:25:", "dimensions 0 and 1", "'physical_11'", "rename"});
   expect_input_error(read(replaced(square_22, "2 10 0 3\n", "2 10 0 4\n")),
-                     {"z varies by 1000 mm", "surface in space"});
+                     {"z varies by 1000 mm", "a node is at (10000, 0, 4000) mm", "surface in space"});
   expect_input_error(read(replaced(square_22, "30 10 10 3", "30 5 0 3")), {"element 0", "degenerate"});
   expect_input_error(read(replaced(square_22, "1 5 \"left edge\"", "1 5 left edge")), {".msh:6:", "double quotes"});
   expect_input_error(read(square_22.substr(0, square_22.find("$Elements"))), {"no $Elements section"});
@@ -336,9 +348,29 @@ TEST(MshFile, WhatAGroupListsTwiceCountsOnce) {
                                      "2 1 2 5 4 1 4\n7 1 2 5 4 4 1\n");
   const Mesh once = read_text(square_22), mesh = read_text(twice);
   EXPECT_EQ(mesh.tags.at("left edge").count(), once.tags.at("left edge").count());
-  ASSERT_EQ(mesh.remarks.size(), 1u);
-  EXPECT_NE(mesh.remarks[0].find("'left edge' lists 1 of its entities twice"), std::string::npos) << mesh.remarks[0];
-  EXPECT_TRUE(once.remarks.empty());
+  EXPECT_NEAR(size_of(mesh, mesh.tags.at("left edge")), 10, 1e-12);
+  EXPECT_EQ(count_of(mesh, "'left edge' lists 1 of its entities twice; each counts once"), 1) << all_of(mesh);
+  EXPECT_EQ(count_of(once, "twice"), 0) << all_of(once);
+}
+
+TEST(MshFile, AnElementListedTwiceInOneRegionCountsOnce) {
+  const Mesh mesh = read_text(replaced(replaced(square_22, "$Elements\n6", "$Elements\n7"), "5 2 2 8 2 1 4 30\n",
+                                       "5 2 2 8 2 1 4 30\n7 2 2 8 2 4 30 1\n"));
+  EXPECT_NEAR(total_measure(mesh), 100, 1e-12);
+  EXPECT_EQ(count_of(mesh, "1 element is listed twice; each counts once"), 1) << all_of(mesh);
+}
+
+TEST(MshFile, WhatIsLeftOutOrTurnedIsSaid) {
+  const Mesh mesh = read_text(square_22, 1e-3);
+  EXPECT_EQ(mesh.remarks.size(), 2u) << all_of(mesh);
+  EXPECT_EQ(count_of(mesh, "1 node is in no triangle, at (50, 50, 99) mm; left out"), 1) << all_of(mesh);
+  EXPECT_EQ(count_of(mesh, "1 of 2 elements list their nodes the other way round; turned"), 1) << all_of(mesh);
+  // All of one orientation, whichever it is, is nothing to speak of.
+  std::string text = replaced(replaced(square_22, "$Nodes\n5", "$Nodes\n4"), "9 50 50 99\n", "");
+  const std::string clockwise = replaced(text, "4 2 2 7 1 1 2 30\n", "4 2 2 7 1 2 1 30\n");
+  EXPECT_TRUE(read_text(clockwise).remarks.empty()) << all_of(read_text(clockwise));
+  text = replaced(text, "5 2 2 8 2 1 4 30\n", "5 2 2 8 2 4 1 30\n");
+  EXPECT_TRUE(read_text(text).remarks.empty()) << all_of(read_text(text));
 }
 
 }  // namespace

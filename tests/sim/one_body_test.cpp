@@ -81,5 +81,81 @@ TEST(OneBody, HangingNodesAndOverlapsAreFound) {
   for (const bool separate : {false, true}) expect_refused(overlapping, {"elements overlap at ("}, separate);
 }
 
+/// Nodes that coincide to 1e-9 m become one.
+Mesh welded(Mesh mesh) {
+  for (int& node : mesh.elements) {
+    for (int i = 0; i < node; ++i) {
+      if ((mesh.node(i) - mesh.node(node)).norm() < 1e-9) node = i;
+    }
+  }
+  return mesh;
+}
+
+TEST(OneBody, HangingNodesInSpaceAndOfRoundedCoordinates) {
+  const Mesh coarse = box(graded(1, 1), graded(1, 1), graded(1, 1), 1, "foam");
+  const Mesh fine = box(graded(1, 2), graded(1, 2), graded(1, 2), 1, "foam");
+  // Of the 9 nodes in the common face 4 are shared; one lies on its diagonal or beside it.
+  expect_refused(welded(beside(coarse, fine, Eigen::Vector3d(1, 0, 0))), {"a hanging node at (1000, ", "4 such nodes"});
+  Mesh rounded = welded(beside(rectangle(graded(0.04, 1), graded(0.01, 2), 1, "foam"),
+                               rectangle(graded(0.04, 2), graded(0.01, 2), 1, "foam"), Eigen::Vector2d(0, 0.01)));
+  for (int i = 0; i < rounded.node_count(); ++i) {
+    if (rounded.node(i).isApprox(Eigen::Vector2d(0.02, 0.01))) rounded.X[2 * i + 1] += 1e-7;
+  }
+  expect_refused(rounded, {"a hanging node at (20, 10.0001) mm", "around ("});
+}
+
+TEST(OneBody, WhatIsThereTwiceOverlapsWhateverWasMeant) {
+  const Mesh twice = beside(plate(2), plate(2), Eigen::Vector2d::Zero());
+  const Mesh upright = rectangle(graded(0.01, 3), graded(0.1, 15), 1, "foam");
+  const Mesh cross =
+      beside(rectangle(graded(0.1, 15), graded(0.01, 3), 1, "foam"), upright, Eigen::Vector2d(0.045, -0.0451));
+  for (const bool separate : {false, true}) {
+    expect_refused(twice, {"elements overlap at (", "31 places elsewhere", "delete what is there twice"}, separate);
+    expect_refused(cross, {"elements overlap at ("}, separate);
+  }
+}
+
+TEST(OneBody, QuadraticElementsWithMidNodesOfTheirOwnAreNotJoined) {
+  Mesh mesh = to_quadratic(plate(2));
+  const Tag outside = boundary(mesh);
+  const std::vector<int> outer = outside.nodes();
+  int mid = 0;  // of an element whose edge is inside
+  for (int a = 3; a < 6; ++a) {
+    if (!std::ranges::binary_search(outer, mesh.element(3)[a])) mid = a;
+  }
+  ASSERT_GT(mid, 0);
+  const Eigen::VectorXd place = mesh.node(mesh.element(3)[mid]);
+  mesh.X.conservativeResize(mesh.X.size() + 2);
+  mesh.X.tail(2) = place;
+  mesh.elements[static_cast<size_t>(3 * 6 + mid)] = mesh.node_count() - 1;
+  expect_refused(mesh, {"two nodes coincide at ("});
+  check_one_body(mesh, "file.msh", true);
+}
+
+TEST(OneBody, SizesMayDifferByAThousandAndMore) {
+  std::vector<double> steep{0, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1};
+  const Mesh mesh = rectangle(steep, steep, 1, "foam");
+  check_one_body(mesh, "file.msh", false);
+  // A seam in the finest corner is nearer than any element there is wide.
+  Mesh seam = beside(mesh, mesh, Eigen::Vector2d(1 + 1e-12, 0));
+  expect_refused(seam, {"two nodes coincide at (1000, 0) mm", "8 pairs elsewhere"});
+}
+
+TEST(OneBody, OdditiesAreSaidWithTheirPlace) {
+  EXPECT_TRUE(oddities(plate(2), "file.msh").empty());
+  EXPECT_TRUE(oddities(box(graded(1, 3), graded(2, 3), graded(1, 2), 2, "foam"), "file.msh").empty());
+  const auto expect_said = [](const Mesh& mesh, const std::vector<std::string>& parts) {
+    const std::vector<std::string> said = oddities(mesh, "file.msh");
+    ASSERT_EQ(said.size(), 1u);
+    for (const std::string& part : parts) EXPECT_NE(said[0].find(part), std::string::npos) << said[0];
+  };
+  // A triangle of legs a and b has the quality 2 sqrt(3) ab / (2 (a^2 + b^2)): 1.7e-4 of a/b = 1e-4, 1.7e-2 of 1e-2.
+  expect_said(rectangle({0, 1e-4, 1}, graded(1, 1), 1, "foam"),
+              {"file.msh: 2 of 4 elements are needles", "the worst around (0.0"});
+  EXPECT_TRUE(oddities(rectangle({0, 1e-2, 1}, graded(1, 1), 1, "foam"), "file.msh").empty());
+  expect_said(welded(beside(plate(2), plate(2), Eigen::Vector2d(0.04, 0.01))), {"meet at (40, 10) mm in a point only"});
+  expect_said(rectangle(graded(40, 4), graded(10, 2), 1, "foam"), {"4.12e+04 mm", "is `unit` right?"});
+}
+
 }  // namespace
 }  // namespace taut::test

@@ -1,4 +1,4 @@
-#include "sim/contact/box_tree.hpp"
+#include "sim/core/box_tree.hpp"
 
 #include <algorithm>
 #include <cstddef>
