@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <boost/program_options.hpp>
 #include <filesystem>
 #include <optional>
@@ -118,6 +119,7 @@ int fit_main(const CommandOptions& options) {
   record.provenance = provenance_of(options, *bench);
   EvaluationLog log(folder.resume(), fingerprint_of(record.provenance.inputs));
   say_start(*bench, record, log, progress);
+  const auto said = static_cast<std::ptrdiff_t>(record.remarks.size());
   record = fit_into(options, *bench, std::move(record), log, folder, progress);
   if (const auto code = came_to_nothing(options, record, folder, progress)) return *code;
   progress.show("writing " + folder.path());
@@ -130,7 +132,8 @@ int fit_main(const CommandOptions& options) {
     fmt::print("{}\n", to_json(record));
   else
     print_fit(record);
-  for (const std::string& remark : record.remarks) progress.say("note: " + remark);
+  std::for_each(record.remarks.begin() + said, record.remarks.end(),
+                [&](const std::string& remark) { progress.say("note: " + remark); });
   progress.say(cost_text(record));
   if (record.interrupted) progress.say("interrupted: the same command goes on from here");
   progress.say("report: " + (fs::path(folder.path()) / "report.html").string());

@@ -397,7 +397,8 @@ class MshReader {
     mesh.remarks.push_back(fmt::format("{}: {} in no {}, {}at {}; left out", lines_.path(),
                                        count == 1 ? "1 node is" : fmt::format("{} nodes are", count),
                                        mesh.dimension() == 2 ? "triangle" : "tetrahedron",
-                                       count == 1 ? "" : "the first ", in_millimetres(nodes_[first])));
+                                       count == 1 ? "" : "the first ",
+                                       in_millimetres(nodes_[first].head(mesh.dimension()))));
   }
 
   void add_regions(Mesh& mesh) {

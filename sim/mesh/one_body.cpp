@@ -28,11 +28,12 @@ constexpr std::string_view join_them =
 
 /// Of the shortest edge: what is nearer than that is meant to be one place.
 constexpr double near = 1e-3;
-/// Of an element's height: sides of a curved seam that are meshed differently lie this deep in one another.
-constexpr double shallow = 0.05;
+/// Of an element's height: sides of a curved seam that are meshed differently may lie this deep in one another.
+constexpr double shallow = 0.1;
 
+/// Of `count` such things one has been named.
 std::string and_more(size_t count, std::string_view what) {
-  return count < 2 ? "" : fmt::format(", and {} {} elsewhere", count - 1, what);
+  return count < 2 ? "" : fmt::format(", and {} {}{} elsewhere", count - 1, what, count == 2 ? "" : "s");
 }
 
 /// Sets that are joined step by step.
@@ -56,40 +57,75 @@ Place3 place_of(const Mesh& mesh, int node) {
   return x;
 }
 
-/// One straight simplex between vertices, for questions where a point lies in it.
+/// One straight simplex between vertices.
 class Simplex {
  public:
-  Simplex(const Mesh& mesh, int e) : origin_(place_of(mesh, mesh.element(e)[0])), d_(mesh.dimension()) {
-    Small edges(d_, d_);
-    for (int a = 0; a < d_; ++a) edges.col(a) = (place_of(mesh, mesh.element(e)[a + 1]) - origin_).head(d_);
+  Simplex(const Mesh& mesh, int e) : d_(mesh.dimension()), corners_(3, d_ + 1), gradients_(d_ + 1, 3) {
+    for (int a = 0; a <= d_; ++a) corners_.col(a) = place_of(mesh, mesh.element(e)[a]);
+    const Small edges = corners_.topRightCorner(d_, d_).colwise() - corners_.col(0).head(d_);
     // Round-off decides where a point lies in a flat element: it is said to be outside.
     flat_ = !(std::abs(edges.determinant()) > 1e-8 * std::pow(edges.colwise().norm().maxCoeff(), d_));
     if (flat_) return;
-    gradients_.resize(d_ + 1, d_);
-    gradients_.bottomRows(d_) = edges.inverse();
+    gradients_.setZero();
+    gradients_.bottomLeftCorner(d_, d_) = edges.inverse();
     gradients_.row(0) = -gradients_.bottomRows(d_).colwise().sum();
+    height_ = 1 / gradients_.rowwise().norm().maxCoeff();
   }
 
-  enum class Side { outside, on, in };
-  /// `in`: deeper than `shallow` of each height. `on`: less deep, or no farther outside than `near` of heights and of
-  /// `size` [m].
-  Side side(const Place3& x, double size) const {
-    if (flat_) return Side::outside;
-    Eigen::VectorXd weights = gradients_ * (x - origin_).head(d_);
-    weights[0] += 1;
-    if (weights.minCoeff() > shallow) return Side::in;
+  /// Whether a point lies inside, or no farther outside than `near` of the heights and of `size` [m].
+  bool holds(const Place3& x, double size) const {
+    if (flat_) return false;
     for (int a = 0; a <= d_; ++a) {
-      if (weights[a] < -near * std::min(1.0, size * gradients_.row(a).norm())) return Side::outside;
+      const double weight = gradients_.row(a).dot(x - corners_.col(a)) + 1;
+      if (weight < -near * std::min(1.0, size * gradients_.row(a).norm())) return false;
     }
-    return Side::on;
+    return true;
+  }
+
+  /// Whether two simplices have more in common than `shallow` of the smaller height: no axis parts them.
+  bool overlaps(const Simplex& other) const {
+    if (flat_ || other.flat_) return false;
+    const double most = shallow * std::min(height_, other.height_);
+    for (int a = 0; a <= d_; ++a) {
+      if (common(other, gradients_.row(a)) <= most || common(other, other.gradients_.row(a)) <= most) return false;
+    }
+    if (d_ == 2) return true;
+    for (const auto& [a, b] : edges_of(ElementShape::tet4)) {
+      const Place3 edge = corners_.col(b) - corners_.col(a);
+      for (const auto& [c, d] : edges_of(ElementShape::tet4)) {
+        const Place3 across = other.corners_.col(d) - other.corners_.col(c);
+        const Place3 axis = edge.cross(across);
+        if (axis.norm() > 1e-6 * edge.norm() * across.norm() && common(other, axis) <= most) return false;
+      }
+    }
+    return true;
   }
 
  private:
-  using Small = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 4, 3>;
-  Place3 origin_;
+  using Small = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 4, 4>;
+
+  /// Length [m] that both cover on an axis; negative: the distance.
+  double common(const Simplex& other, const Place3& axis) const {
+    const auto [low, high] = covered(axis);
+    const auto [other_low, other_high] = other.covered(axis);
+    return (std::min(high, other_high) - std::max(low, other_low)) / axis.norm();
+  }
+
+  std::pair<double, double> covered(const Place3& axis) const {
+    double low = axis.dot(corners_.col(0)), high = low;
+    for (int a = 1; a <= d_; ++a) {
+      const double x = axis.dot(corners_.col(a));
+      low = std::min(low, x);
+      high = std::max(high, x);
+    }
+    return {low, high};
+  }
+
   int d_;
   bool flat_ = false;
-  Small gradients_;  ///< of the barycentric coordinates: their norms are one over the heights
+  Eigen::Matrix<double, 3, Eigen::Dynamic, 0, 3, 4> corners_;
+  Eigen::Matrix<double, Eigen::Dynamic, 3, 0, 4, 3> gradients_;  ///< of the barycentric coordinates: one over heights
+  double height_ = 0;                                            ///< the smallest [m]
 };
 
 /// What of a mesh meets without being joined.
@@ -101,7 +137,7 @@ class Meetings {
     for (int i = 0; i < mesh.node_count(); ++i) {
       if (std::isfinite(size(i))) meet(i);
     }
-    for (int e = 0; e < mesh.element_count(); ++e) meet_centroid(e);
+    for (int e = 0; e < mesh.element_count(); ++e) meet_elements(e);
     compare_mid_nodes();
     sort_unique(coincident_);
   }
@@ -111,14 +147,14 @@ class Meetings {
     throw InputError(fmt::format(
         "{}: elements overlap at {}{}; cut one of the bodies out of the other where the mesh is made (in Gmsh: "
         "BooleanFragments), or delete what is there twice",
-        where, in_millimetres(overlaps_[0]), and_more(overlaps_.size(), "places")));
+        where, in_millimetres(mesh_.centroid(overlaps_[0])), and_more(overlaps_.size(), "place")));
   }
 
   void refuse_coincident(std::string_view where) const {
     if (coincident_.empty()) return;
     throw InputError(fmt::format(
         "{}: two nodes coincide at {}{}: the elements that meet there have nodes of their own and are not joined; {}",
-        where, in_millimetres(mesh_.node(coincident_[0].first)), and_more(coincident_.size(), "pairs"), join_them));
+        where, in_millimetres(mesh_.node(coincident_[0].first)), and_more(coincident_.size(), "pair"), join_them));
   }
 
   void refuse_hanging(std::string_view where) const {
@@ -128,7 +164,7 @@ class Meetings {
         fmt::format("{}: a hanging node at {} lies on the side of the element around {} without being one of its "
                     "nodes{}: the elements on either side are not joined there; mesh both sides with the same nodes",
                     where, in_millimetres(mesh_.node(node)), in_millimetres(mesh_.centroid(e)),
-                    and_more(hanging_.size(), "such nodes")));
+                    and_more(hanging_.size(), "such node")));
   }
 
  private:
@@ -147,24 +183,23 @@ class Meetings {
 
   void enclose_elements() {
     std::vector<Tree::Place> centroids;
-    std::vector<Tree::Box> boxes;
     for (int e = 0; e < mesh_.element_count(); ++e) {
       Tree::Box box;
       for (int a = 0; a < corners_; ++a) box.extend(place_of(mesh_, mesh_.element(e)[a]));
       const Place3 margin = Place3::Constant(near * box.sizes().maxCoeff());
       centroids.push_back(box.center());
-      boxes.emplace_back(box.min() - margin, box.max() + margin);
+      leaves_.emplace_back(box.min() - margin, box.max() + margin);
       simplices_.emplace_back(mesh_, e);
     }
     tree_ = Tree(centroids);
-    boxes_ = tree_.enclose(boxes);
+    boxes_ = tree_.enclose(leaves_);
   }
 
   /// A vertex against the elements that it does not belong to.
   void meet(int node) {
     const Place3 x = place_of(mesh_, node);
     std::optional<int> hangs_on;
-    bool at_vertex = false, inside = false;
+    bool at_vertex = false;
     tree_.visit(boxes_, Tree::Box(x), [&](int e) {
       const int* nodes = mesh_.element(e);
       if (std::find(nodes, nodes + corners_, node) != nodes + corners_) return;
@@ -174,23 +209,18 @@ class Meetings {
         at_vertex = true;
         return;
       }
-      const Simplex::Side side = simplices_[static_cast<size_t>(e)].side(x, size(node));
-      inside = inside || side == Simplex::Side::in;
-      if (side == Simplex::Side::on && !hangs_on) hangs_on = e;
+      if (!hangs_on && simplices_[static_cast<size_t>(e)].holds(x, size(node))) hangs_on = e;
     });
-    if (inside) overlaps_.push_back(mesh_.node(node));
     if (hangs_on && !at_vertex) hanging_.emplace_back(node, *hangs_on);
   }
 
-  void meet_centroid(int e) {
-    const Eigen::VectorXd centroid = mesh_.centroid(e);
-    Place3 x = Place3::Zero();
-    x.head(mesh_.dimension()) = centroid;
-    bool inside = false;
-    tree_.visit(boxes_, Tree::Box(x), [&](int other) {
-      inside = inside || (other != e && simplices_[static_cast<size_t>(other)].side(x, 0) == Simplex::Side::in);
+  void meet_elements(int e) {
+    bool overlap = false;
+    tree_.visit(boxes_, leaves_[static_cast<size_t>(e)], [&](int other) {
+      overlap = overlap ||
+                (other != e && simplices_[static_cast<size_t>(e)].overlaps(simplices_[static_cast<size_t>(other)]));
     });
-    if (inside) overlaps_.push_back(centroid);
+    if (overlap) overlaps_.push_back(e);
   }
 
   void compare_mid_nodes() {
@@ -213,10 +243,10 @@ class Meetings {
   std::vector<double> sizes_;  ///< of each vertex, its shortest edge [m]; infinite for mid-nodes
   std::vector<Simplex> simplices_;
   Tree tree_;
-  std::vector<Tree::Box> boxes_;
+  std::vector<Tree::Box> leaves_, boxes_;        ///< of elements, of all nodes of the tree
   std::vector<std::pair<int, int>> coincident_;  ///< nodes
   std::vector<std::pair<int, int>> hanging_;     ///< node and element
-  std::vector<Eigen::VectorXd> overlaps_;        ///< places [m]
+  std::vector<int> overlaps_;                    ///< elements
 };
 
 /// The first element and the number of elements of each part: what shares vertices.

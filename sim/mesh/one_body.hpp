@@ -9,7 +9,7 @@ namespace taut {
 
 /// Whether a mesh from elsewhere is the body that it seems to be; places in the message are of nodes or centroids.
 /// Distances are compared with a thousandth of the shortest edge at the vertex. Throws InputError where
-/// - a vertex lies deep in an element, or a centroid in another element: elements overlap, or are there twice;
+/// - elements have more than a tenth of their height in common: they overlap, or are there twice;
 /// - two vertices coincide, or two mid-nodes of one edge: the elements on either side of that seam are not joined;
 /// - a vertex lies on an edge or face of an element whose vertex it is not: a hanging node;
 /// - elements share no vertex with others: there are several parts.

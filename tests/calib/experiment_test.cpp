@@ -325,6 +325,60 @@ TEST_F(ExperimentFile, AMeshFileIsReadBesideTheExperimentInItsUnit) {
   refuse("bar.msh", "bra.msh", {"[geometry]", "bra.msh"});
 }
 
+/// Two halves in a row; the end and an element are listed twice.
+const std::string halves_msh = R"($MeshFormat
+2.2 0 8
+$EndMeshFormat
+$PhysicalNames
+4
+1 1 "xmin"
+1 2 "xmax"
+2 3 "left"
+2 4 "right"
+$EndPhysicalNames
+$Nodes
+8
+1 0 0 0
+2 30 0 0
+3 60 0 0
+4 0 12 0
+5 30 12 0
+6 60 12 0
+7 30 0 0
+8 30 12 0
+$EndNodes
+$Elements
+8
+1 1 2 1 1 1 4
+2 1 2 2 2 3 6
+3 1 2 2 2 6 3
+4 2 2 3 1 1 2 5
+5 2 2 3 1 1 5 4
+6 2 2 4 1 2 3 6
+7 2 2 4 1 2 6 5
+8 2 2 4 1 6 5 2
+$EndElements
+)";
+
+TEST_F(ExperimentFile, AMeshFileCountsOnceWhatItListsTwiceAndIsOneBody) {
+  folder_.write("bar.msh", halves_msh);
+  const std::string toml = replaced(bar("[geometry]\nkind = \"msh\"\nfile = \"bar.msh\"\nunit = \"mm\"\ndimension = "
+                                        "2\nthickness = \"20 mm\"\nplane = "
+                                        "\"stress\"\n",
+                                        "",
+                                        material("left", "100 kPa", "0.0") + material("right", "300 kPa", "0.0") +
+                                            "[[support]]\non = \"xmin\"\nfix = [\"x\", \"y\"]\n"),
+                                    "pull_N", "pull_kPa");
+  const std::string csv = "pull_kPa,end_um\n0.01,1\n";
+  const double stretch = 10 * 0.03 * (1 / 1e5 + 1 / 3e5);  // traction times length over E, of each half
+  EXPECT_NEAR(predictions(toml, csv)[0], stretch, 1e-3 * stretch);
+  // The right half with nodes of its own would hang on nothing.
+  folder_.write("bar.msh", replaced(replaced(replaced(halves_msh, "2 3 6\n7", "7 3 6\n7"), "2 6 5\n8", "7 6 8\n8"),
+                                    "6 5 2\n$", "6 8 7\n$"));
+  expect_input_error([&] { bench_of(toml, csv); },
+                     {"[geometry]", "two nodes coincide at (30, 0) mm, and 1 pair elsewhere", "Coherence"});
+}
+
 TEST_F(ExperimentFile, AMeshOfQuadraticElementsCannotBeUsedAsLinear) {
   folder_.write("bar.msh", R"($MeshFormat
 2.2 0 8

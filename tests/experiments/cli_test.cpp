@@ -417,6 +417,66 @@ TEST(SimulateCommand, WritesTheRunAndSaysWhatTheTestsAfterwardsSaw) {
   expect_holds(text_of(folder / "runs/robot/report.html"), {"A small robot", "simulation"});
 }
 
+/// A square of 8 mm whose right side is listed twice, with a node that nothing uses.
+const std::string mended_msh = R"($MeshFormat
+2.2 0 8
+$EndMeshFormat
+$PhysicalNames
+3
+1 1 "xmin"
+1 2 "xmax"
+2 3 "rubber"
+$EndPhysicalNames
+$Nodes
+5
+1 0 0 0
+2 8 0 0
+3 8 8 0
+4 0 8 0
+5 4 4 0
+$EndNodes
+$Elements
+5
+1 1 2 1 1 1 4
+2 1 2 2 2 2 3
+3 1 2 2 2 2 3
+4 2 2 3 1 1 2 3
+5 2 2 3 1 1 3 4
+$EndElements
+)";
+
+TEST_F(Command, WhatWasMendedInAMeshIsSaidOnceByEveryCommand) {
+  for (const char* folder : {"beam/", ""}) folder_.write(folder + std::string("square.msh"), mended_msh);
+  const std::string geometry = "kind = \"msh\"\nfile = \"square.msh\"\nunit = \"mm\"\ndimension = 2\n";
+  std::string toml =
+      replaced(beam_toml, "kind = \"rectangle\"\nsize = [\"60 mm\", \"12 mm\"]\nregion = \"foam\"\n", geometry);
+  toml = replaced(replaced(toml, "cells = [10, 4]\n", ""), "[materials.foam]", "[materials.rubber]");
+  folder_.write("beam/experiment.toml", replaced(toml, "E_foam", "E_rubber"));
+  folder_.write("robot.toml",
+                replaced(robot_toml,
+                         "{ kind = \"rectangle\", size = [\"8 mm\", \"8 mm\"], region = \"rubber\" }\n"
+                         "mesh = { cells = [2, 2], element",
+                         "{ kind = \"msh\", file = \"square.msh\", unit = \"mm\", dimension = 2 }\nmesh = { element"));
+  const std::string out = folder_ / "out", robot = folder_ / "robot.toml";
+  for (const std::vector<std::string>& arguments :
+       std::vector<std::vector<std::string>>{{"check", experiment_},
+                                             {"replay", experiment_, "--out", out + "/replay"},
+                                             {"fit", experiment_, "--out", out + "/fit"},
+                                             {"check", robot},
+                                             {"simulate", robot, "--out", out + "/robot"}}) {
+    SCOPED_TRACE(arguments[0] + " " + arguments[1]);
+    const Outcome outcome = taut(arguments);
+    EXPECT_EQ(outcome.code, 0) << outcome.err;
+    const std::string said = outcome.out + outcome.err;
+    for (const std::string remark : {"'xmax' lists 1 of its entities twice; each counts once",
+                                     "1 node is in no triangle, at (4, 4) mm; left out"}) {
+      const size_t first = said.find(remark);
+      EXPECT_NE(first, std::string::npos) << remark << said;
+      EXPECT_EQ(said.find(remark, first + 1), std::string::npos) << remark << said;
+    }
+  }
+}
+
 TEST(SimulateCommand, CheckUnderstandsAndOtherCommandsSendASimulationThere) {
   const TemporaryFolder folder;
   folder.write("robot.toml", robot_toml);

@@ -363,7 +363,7 @@ TEST(MshFile, AnElementListedTwiceInOneRegionCountsOnce) {
 TEST(MshFile, WhatIsLeftOutOrTurnedIsSaid) {
   const Mesh mesh = read_text(square_22, 1e-3);
   EXPECT_EQ(mesh.remarks.size(), 2u) << all_of(mesh);
-  EXPECT_EQ(count_of(mesh, "1 node is in no triangle, at (50, 50, 99) mm; left out"), 1) << all_of(mesh);
+  EXPECT_EQ(count_of(mesh, "1 node is in no triangle, at (50, 50) mm; left out"), 1) << all_of(mesh);
   EXPECT_EQ(count_of(mesh, "1 of 2 elements list their nodes the other way round; turned"), 1) << all_of(mesh);
   // All of one orientation, whichever it is, is nothing to speak of.
   std::string text = replaced(replaced(square_22, "$Nodes\n5", "$Nodes\n4"), "9 50 50 99\n", "");

@@ -112,6 +112,12 @@ TEST(OneBody, WhatIsThereTwiceOverlapsWhateverWasMeant) {
   for (const bool separate : {false, true}) {
     expect_refused(twice, {"elements overlap at (", "31 places elsewhere", "delete what is there twice"}, separate);
     expect_refused(cross, {"elements overlap at ("}, separate);
+    // Columns on columns: no node and no centroid lies inside an element.
+    expect_refused(beside(plate(2), plate(2), Eigen::Vector2d(0, 0.0085)), {"elements overlap at (", "15 places"},
+                   separate);
+    expect_refused(beside(box(graded(1, 2), graded(1, 2), graded(1, 2), 1, "foam"),
+                          box(graded(1, 2), graded(1, 2), graded(1, 2), 1, "foam"), Eigen::Vector3d(0, 0, 0.9)),
+                   {"elements overlap at ("}, separate);
   }
 }
 
