@@ -83,11 +83,19 @@ std::vector<int> indices_of(const std::vector<FreeParameter>& free);  ///< their
 
 struct StaticReplay;
 
+/// Which model predicts a row, and how far its value may be off, relative to it: as the model states or as the next
+/// dearer one changed it; NaN: not known.
+struct RowModel {
+  std::string name;  ///< as experiment files spell it
+  double error = 0;
+};
+
 /// What predicts the rows of a bench at rest instead of the full model: cheaper ones, row by row.
 struct ModelChoice {
   std::unique_ptr<Protocol> protocol;  ///< null: the full model
   std::string sentence;                ///< what was chosen and why; "": the file asked for it
   std::function<std::string()> doubt;  ///< what is doubtful of the last prediction, as the end of a sentence, or ""
+  std::function<RowModel(int row)> model_of = {};  ///< of the last prediction
 };
 
 /// Cheaper models of specimens at rest.
@@ -154,6 +162,8 @@ class Bench {
   virtual std::string choice() const { return ""; }  ///< what model = "auto" chose, one sentence; else ""
   /// Whether one model predicts all rows; only then there are curves, variants and parts.
   virtual bool one_model() const { return true; }
+  /// Which model predicted a row, where cheaper ones do; else nullopt.
+  virtual std::optional<RowModel> model_of(int /*row*/) const { return std::nullopt; }
   /// Where cheaper models predict some rows: how far their `values` are from the full one's at `p`, one sentence.
   virtual std::string compare_models(const Params&, const Eigen::VectorXd& /*values*/, double /*seconds*/) const {
     return "";

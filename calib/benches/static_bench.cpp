@@ -212,12 +212,6 @@ std::unique_ptr<Bench> StaticBench::part(size_t control, double held) const {
 }
 
 std::unique_ptr<Bench> StaticBench::at_loads(const std::string& path) const {
-  if (experiment_.model == Rung::beam || experiment_.model == Rung::automatic) {
-    throw InputError(
-        fmt::format("{}: was fitted with model = \"{}\", and predictions are made by finite elements of one kind; "
-                    "fit again with \"full\", \"rigid_segments\" or \"solid\"",
-                    experiment_.path, name_of(experiment_.model)));
-  }
   Trials there = trials_;
   there.readings.clear();
   for (const LoadRow& row : read_load_rows(experiment_.bench, path)) {
@@ -228,7 +222,9 @@ std::unique_ptr<Bench> StaticBench::at_loads(const std::string& path) const {
       reading.channel = static_cast<int>(channel);
     }
   }
-  return std::make_unique<StaticBench>(experiment_, std::move(there));
+  auto bench = std::make_unique<StaticBench>(experiment_, std::move(there));
+  if (models_.choose) bench->use(models_);  // which model a load needs is asked anew
+  return bench;
 }
 
 std::string StaticBench::size_text() const {
@@ -327,12 +323,34 @@ std::vector<std::string> StaticBench::warnings_before() const {
   return warnings;
 }
 
-std::vector<std::string> StaticBench::warnings_after() const {
-  std::vector<std::string> warnings;
+/// Rows whose equilibrium is one of two alike, by the side that was taken.
+std::vector<std::string> StaticBench::sides_taken() const {
+  std::map<std::string, std::set<int>> lines;
   for (const StaticProtocol::Condition& condition : replay_.protocol->conditions()) {
-    if (condition.report.status != SolveStatus::converged) continue;
+    if (condition.report.side.empty() || condition.report.status != SolveStatus::converged) continue;
+    for (const BenchReading& reading : readings_) {
+      if (std::ranges::count(condition.rows, reading.row) > 0) lines[condition.report.side].insert(reading.line);
+    }
+  }
+  std::vector<std::string> warnings;
+  for (const auto& [side, of_side] : lines) {
+    std::vector<std::string> names;
+    for (int line : of_side) names.push_back(std::to_string(line));
+    warnings.push_back(
+        fmt::format("row{} of line{} {}: symmetric bifurcation; the side was chosen by a fixed rule, towards {} in all "
+                    "of them, and the specimen may have gone to the other one, where what is read across has the other "
+                    "sign: compare the readings' signs, or add a small load towards its side",
+                    names.size() == 1 ? "" : "s", names.size() == 1 ? "" : "s", join(names), side));
+  }
+  return warnings;
+}
+
+std::vector<std::string> StaticBench::warnings_after() const {
+  std::vector<std::string> warnings = sides_taken();
+  for (const StaticProtocol::Condition& condition : replay_.protocol->conditions()) {
+    if (condition.report.status != SolveStatus::converged || condition.u.size() == 0) continue;
     const std::string where = replay_.protocol->describe(condition);
-    if (condition.report.left_saddle)
+    if (condition.report.left_saddle && condition.report.side.empty())
       warnings.push_back(
           fmt::format("at {} the straight path became unstable (buckling); the equilibrium on the side of "
                       "lower energy was taken",

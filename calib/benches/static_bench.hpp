@@ -42,6 +42,9 @@ class StaticBench final : public Bench {
   std::vector<std::string> warnings_after() const override;
   std::string choice() const override { return choice_.sentence; }
   bool one_model() const override { return !choice_.protocol; }
+  std::optional<RowModel> model_of(int row) const override {
+    return choice_.model_of ? std::optional(choice_.model_of(row)) : std::nullopt;
+  }
   std::string compare_models(const Params& p, const Eigen::VectorXd& values, double seconds) const override;
   SolvedStates states() const override;
   std::vector<CableState> cable_states() const override;
@@ -58,6 +61,7 @@ class StaticBench final : public Bench {
   Lines load_lines() const;
   std::string cables_text() const;
   std::string contact_text() const;
+  std::vector<std::string> sides_taken() const;
 
   Trials trials_;
   StaticReplay replay_;

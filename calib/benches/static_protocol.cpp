@@ -222,6 +222,8 @@ void StaticProtocol::solve_path(Path& path, const Params& p, const std::vector<i
     } else {
       solve_condition(condition, p, free, *path.equilibrium);
     }
+    // What was chosen on the way to where it starts holds for it too.
+    if (parent != nullptr && condition.report.side.empty()) condition.report.side = parent->report.side;
     path.cost += condition.report.factorisations;
   }
 }

@@ -242,8 +242,6 @@ void read_specimen(TableReader& root, Experiment& experiment) {
   experiment.materials = read_materials(root);
   if (auto gravity = root.optional_table("gravity")) read_gravity(*gravity, experiment);
   for (TableReader& table : root.tables("support")) read_support(table, experiment);
-  if (experiment.supports.empty())
-    root.fail("", "there is no support; add [[support]] with on = \"TAG\" and fix = [\"x\", \"y\"]");
   for (TableReader& table : root.tables("load"))
     experiment.loads.push_back(read_load(table, experiment, Language::bench));
   if (auto cables = root.optional_table("cables")) read_cables(*cables, experiment);
@@ -257,6 +255,13 @@ void read_specimen(TableReader& root, Experiment& experiment) {
   for (const auto& [id, column] : experiment.cables.columns) controls.push_back({id, column, {Quantity::length}});
   experiment.contact.on = experiment.geometry.shape->defaults().contact;
   if (auto contact = root.optional_table("contact")) read_contact(*contact, experiment);
+  const bool may_be_held =
+      !experiment.cables.cables.empty() || !experiment.contact.grounds.empty() || !experiment.contact.obstacles.empty();
+  if (experiment.supports.empty() && !may_be_held) {
+    root.fail("",
+              "there is no support; add [[support]] with on = \"TAG\" and fix = [\"x\", \"y\"], or cables or grounds "
+              "that hold the body");
+  }
   for (TableReader& table : root.tables("channel")) read_channel(table, experiment);
   if (experiment.channels.empty())
     root.fail("", "there is no channel; add [[channel]] for what is measured, with id, point or on, and direction");

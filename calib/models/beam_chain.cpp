@@ -169,8 +169,11 @@ double elongation(const Chain& chain, const ChainCable& cable, const Eigen::Vect
   return e;
 }
 
-double force(const ChainLoad& load, const Params& p) {
-  return p[load.value] * (load.times < 0 ? 1.0 : p[load.times]);
+/// Scale times all parameters of a load but number `but`: its force, or the derivative of that.
+double force(const ChainLoad& load, const Params& p, size_t but = std::numeric_limits<size_t>::max()) {
+  double newtons = load.scale;
+  for (size_t k = 0; k < load.factors.size(); ++k) newtons *= k == but ? 1.0 : p[load.factors[k]];
+  return newtons;
 }
 
 /// Adds up the energies of pairs of bodies, with derivatives. What is fixed in space is one body more, at the end.
@@ -252,8 +255,19 @@ class Assembler {
     const Jet<6> way = load.direction.x() * at[0] + load.direction.y() * at[1];
     const double newtons = force(load, p_);
     add(pair, -newtons * (way.v - load.direction.dot(load.at.rest)), -newtons * way.g, -newtons * way.H);
-    add_mixed(pair, load.value, -(load.times < 0 ? 1.0 : p_[load.times]) * way.g);
-    if (load.times >= 0) add_mixed(pair, load.times, -p_[load.value] * way.g);
+    for (size_t k = 0; k < load.factors.size(); ++k) add_mixed(pair, load.factors[k], -force(load, p_, k) * way.g);
+  }
+
+  /// The elastic clamp, the first body: it turns about its middle.
+  void add_base() {
+    const Unknowns own = unknowns(0, -1);
+    const double angle = x_[2], c = p_[chain_.k_base];
+    Vector6 slope = Vector6::Zero(), turn = Vector6::Unit(2);
+    slope << chain_.base * x_[0], chain_.base * x_[1], c * angle, 0, 0, 0;
+    Vector6 stiffness;
+    stiffness << chain_.base, chain_.base, c, 0, 0, 0;
+    add(own, 0.5 * (chain_.base * x_.head<2>().squaredNorm() + c * angle * angle), slope, stiffness.asDiagonal());
+    add_mixed(own, chain_.k_base, angle * turn);
   }
 
   ChainEnergy result() const {
@@ -303,6 +317,7 @@ double BeamProtocol::Chain::energy(const Eigen::VectorXd& x, const Params& p) co
     const std::array<double, 2> at = place<double>(*this, load.at, x, 0);
     sum -= force(load, p) * load.direction.dot(Eigen::Vector2d(at[0], at[1]) - load.at.rest);
   }
+  if (base > 0) sum += 0.5 * (base * x.head<2>().squaredNorm() + p[k_base] * x[2] * x[2]);
   return sum;
 }
 
@@ -313,7 +328,25 @@ ChainEnergy BeamProtocol::Chain::assemble(const Eigen::VectorXd& x, const Params
   for (const ChainCable& cable : cables) sum.add(cable);
   for (const LipCorner& lip : lips) sum.add(lip);
   for (const ChainLoad& load : loads) sum.add(load);
+  if (base > 0) sum.add_base();
   return sum.result();
+}
+
+Eigen::VectorXd BeamProtocol::Chain::moved(const Eigen::VectorXd& x, const Eigen::VectorXd& step) const {
+  Eigen::VectorXd to = x + step;
+  for (const ChainSpan& span : spans) {
+    const std::array<Jet<6>, 3> q = deformation<Jet<6>>(*this, span, x);
+    Eigen::Matrix<double, 6, 1> by = Eigen::Matrix<double, 6, 1>::Zero();
+    if (span.left.body >= 0) by.head<3>() = step.segment<3>(3 * span.left.body);
+    by.tail<3>() = step.segment<3>(3 * span.right.body);
+    const double e = span.length + q[0].v + q[0].g.dot(by), s = q[1].v + q[1].g.dot(by);
+    const double middle = 0.5 * (angle_of<double>(span.left.body, to, 0) + to[3 * span.right.body + 2]);
+    const std::array<double, 2> from = place<double>(*this, span.left, to, 0),
+                                now = place<double>(*this, span.right, to, 0);
+    to[3 * span.right.body] += from[0] + std::cos(middle) * e - std::sin(middle) * s - now[0];
+    to[3 * span.right.body + 1] += from[1] + std::sin(middle) * e + std::cos(middle) * s - now[1];
+  }
+  return to;
 }
 
 std::string BeamProtocol::Chain::solve(Eigen::VectorXd& x, const Params& p, int& factorisations) const {
@@ -321,6 +354,7 @@ std::string BeamProtocol::Chain::solve(Eigen::VectorXd& x, const Params& p, int&
   const double size = spans.front().length;
   Eigen::VectorXd unit = Eigen::VectorXd::Ones(x.size());
   for (Eigen::Index i = 2; i < x.size(); i += 3) unit[i] = size;
+  double before = infinity;  // length of the last step
   for (int iteration = 0; iteration < 100; ++iteration) {
     const ChainEnergy sum = assemble(x, p, {});
     ++factorisations;
@@ -339,19 +373,22 @@ std::string BeamProtocol::Chain::solve(Eigen::VectorXd& x, const Params& p, int&
     }
     if (!step.allFinite()) return "the energy is not finite";
     const double length = step.cwiseProduct(unit).cwiseAbs().maxCoeff();
-    if (length < negligible) {
+    // A thin beam is so much stiffer along itself than across that rounding keeps steps above what is negligible.
+    const bool floor = convex && length < 1e-7 * size && length > 0.5 * before;
+    if (length < negligible || floor) {
       x += step;
       return convex ? "" : "the equilibrium is not stable";
     }
+    before = length;
     const double slope = sum.gradient.dot(step);
     double fraction = std::min(1.0, 0.5 * size / length);
     // Below a tenth of a micrometre energies differ by rounding.
     const auto accepted = [&] {
-      const double reached = energy(x + fraction * step, p);
+      const double reached = energy(moved(x, fraction * step), p);
       return std::isfinite(reached) && (reached <= sum.energy + 1e-4 * fraction * slope || fraction * length < 1e-8);
     };
     while (!accepted() && fraction > 1e-12) fraction *= 0.5;
-    x += fraction * step;
+    x = moved(x, fraction * step);
   }
   return "Newton's method does not converge";
 }
@@ -366,9 +403,10 @@ std::string BeamProtocol::Chain::solve_in_steps(Eigen::VectorXd& x, const Params
     if (problem.empty()) {
       x = next;
       done = until;
+      step = std::min(1.0, 2 * step);
       continue;
     }
-    step *= 0.5;
+    step = 0.5 * (until - done);
     if (step < 1.0 / 64) return problem;
   }
   return "";
@@ -384,7 +422,8 @@ double BeamProtocol::Chain::stated_error(const Eigen::VectorXd& x, const Params&
   }
   const ChainSpan& first = spans.front();
   if (first.bonded < 2) {
-    const double turned = x[x.size() - 1], length = first.length * static_cast<double>(spans.size());
+    const double turned = x[x.size() - 1] - (base > 0 ? x[2] : 0.0),
+                 length = first.length * static_cast<double>(spans.size());
     if (length < first.height || p[nu] > 0.45) return infinity;
     return 0.01 + 0.15 * first.height / length * turned * turned;
   }

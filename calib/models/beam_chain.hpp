@@ -34,11 +34,12 @@ struct LipCorner {
   BodyPoint corner, face;
 };
 
-/// A dead force: direction times one or two parameters.
+/// A dead force: direction times a product of parameters.
 struct ChainLoad {
   BodyPoint at;
   Eigen::Vector2d direction;
-  int value = -1, times = -1;  ///< table indices; -1: 1
+  std::vector<int> factors;  ///< table indices
+  double scale = 1;          ///< of the product
 };
 
 /// A displacement along a direction.
@@ -61,9 +62,12 @@ struct BeamProtocol::Chain {
   Params nominal;
   std::vector<StaticRow> rows;
   std::vector<int> controls, set_first;  ///< table indices; positions among them
+  std::vector<int> off_at_rest;          ///< table indices of constants that the rest shape knows nothing of
   bool from_unloaded = false;
 
   int bodies = 0;
+  double base =
+      0;  ///< stiffness [N/m] against translation of the first body, a face that k_base turns; 0: there is none
   std::vector<Eigen::Vector2d> centres;  ///< what bodies turn about, at rest
   std::vector<ChainSpan> spans;
   std::vector<ChainCable> cables;
@@ -72,13 +76,16 @@ struct BeamProtocol::Chain {
   std::vector<ChainChannel> channels;
   bool plane_stress = false;
   double lip_shape = 0;  ///< stiffness of one corner of a lip over (E_plastic thickness)
-  int E = -1, nu = -1, thickness = -1, E_plastic = -1, k_cable = -1, slack = -1;
+  int E = -1, nu = -1, thickness = -1, E_plastic = -1, k_cable = -1, slack = -1, k_base = -1;
 
   /// Table index of a parameter; -1: there is none of that name.
   int index(const std::string& id) const { return table.contains(id) ? table.index(id) : -1; }
   double energy(const Eigen::VectorXd& x, const Params& p) const;  ///< Pi(x; p) [J]
   /// With derivatives; `free`: table indices of the parameters of `mixed`.
   ChainEnergy assemble(const Eigen::VectorXd& x, const Params& p, const std::vector<int>& free) const;
+  /// A step along which spans deform as `step` says to first order, and whatever they carry turns with them: no thin
+  /// span is stretched by the turning of its neighbours.
+  Eigen::VectorXd moved(const Eigen::VectorXd& x, const Eigen::VectorXd& step) const;
   /// Newton's method with a line search, from `x` on. Returns what went wrong, "" for a minimum.
   std::string solve(Eigen::VectorXd& x, const Params& p, int& factorisations) const;
   /// From the equilibrium at `from` to the one at `to`; where that fails, by smaller changes.

@@ -13,6 +13,7 @@
 #include "sim/core/error.hpp"
 #include "sim/core/numbers.hpp"
 #include "sim/core/units.hpp"
+#include "sim/mesh/weights.hpp"
 
 namespace taut {
 
@@ -46,6 +47,13 @@ struct State {
 
 Params with_controls(const BeamProtocol::Chain& chain, Params p, const Controls& controls) {
   for (size_t k = 0; k < controls.size(); ++k) p[chain.controls[k]] = controls[k];
+  return p;
+}
+
+/// Nothing acts yet.
+Params at_rest(const BeamProtocol::Chain& chain, Params p) {
+  for (int index : chain.controls) p[index] = 0;
+  for (int index : chain.off_at_rest) p[index] = 0;
   return p;
 }
 
@@ -138,9 +146,10 @@ Prediction BeamProtocol::predict(const Params& p, const std::vector<int>& free) 
   prediction.values = Eigen::VectorXd::Constant(row_count(), not_a_number);
   if (columns > 0) prediction.derivatives = Eigen::MatrixXd::Constant(row_count(), columns, not_a_number);
   std::fill(errors_.begin(), errors_.end(), not_a_number);
-  // Retractions first, each from rest; then loads from small to large, each from the last one's equilibrium.
+  // Retractions and what always acts first, each from rest; then loads from small to large, each from the last one's
+  // equilibrium.
   for (const auto& [first, loaded] : paths_of(chain)) {
-    const State rest{"", Eigen::VectorXd::Zero(unknowns()), {}, with_controls(chain, p, Controls(first.size(), 0.0))};
+    const State rest{"", Eigen::VectorXd::Zero(unknowns()), {}, at_rest(chain, p)};
     const State unloaded = reached(chain, rest, with_controls(chain, p, first), free, factorisations_);
     State state = unloaded;
     for (const auto& [key, rows] : loaded) {
@@ -184,8 +193,6 @@ std::vector<Spine> spines_of(const Experiment& experiment) {
 void check(const Experiment& experiment, const Spine& spine) {
   if (!experiment.kind->at_rest)
     refuse(experiment, "[bench]", "a chain of beams has no inertia and takes readings at rest");
-  if (!experiment.gravity_direction.empty())
-    refuse(experiment, "[gravity]", "a chain of beams has no self-weight; leave its direction out");
   for (const MaterialSettings& material : experiment.materials) {
     if (material.region == spine.soft && material.law != "neo_hookean") {
       refuse(experiment, fmt::format("[materials.{}]", spine.soft),
@@ -202,16 +209,17 @@ void check(const Experiment& experiment, const Spine& spine) {
 
 /// The one whose end is clamped.
 Spine clamped_spine(const Experiment& experiment, const std::vector<Spine>& spines) {
+  if (experiment.supports.empty()) refuse(experiment, "[[support]]", "a chain of beams is clamped at one end");
   const SupportSettings& support = experiment.supports.front();
   const auto found = std::ranges::find(spines, support.on, &Spine::clamped);
   std::vector<int> fixed = support.fix;
   std::ranges::sort(fixed);
-  if (experiment.supports.size() != 1 || found == spines.end() || fixed != std::vector<int>{0, 1} ||
-      !support.control.empty() || support.rotation_stiffness) {
+  const bool clamped = support.rotation_stiffness ? fixed.empty() : fixed == std::vector<int>{0, 1};
+  if (experiment.supports.size() != 1 || found == spines.end() || !clamped || !support.control.empty()) {
     std::vector<std::string> ends;
     for (const Spine& spine : spines) ends.push_back(spine.clamped);
     refuse(experiment, "[[support]]",
-           fmt::format("a chain of beams has one support, {}, with fix = [\"x\", \"y\"]",
+           fmt::format("a chain of beams has one support, {}, with fix = [\"x\", \"y\"] or a rotation_stiffness",
                        ends.size() == 1 ? "'" + ends[0] + "'" : "one of " + join(ends)));
   }
   return *found;
@@ -226,18 +234,33 @@ struct ChainFrame {
   Eigen::Vector2d point(const Eigen::Vector2d& v) const { return direction(v - origin); }
 };
 
-/// Six bodies without thickness, the last one the loaded face.
+/// The face of an elastic clamp is a body of its own, before all others. Its translation is as stiff as the full
+/// model's.
+void build_base(BeamProtocol::Chain& chain) {
+  chain.k_base = chain.index("k_base");
+  if (chain.k_base < 0) return;
+  const double stiffest = chain.nominal[chain.E_plastic < 0 ? chain.E : chain.E_plastic];
+  chain.base = 100 * stiffest * chain.nominal[chain.thickness];
+  chain.bodies = 1;
+}
+
+/// Bodies without thickness, the last one the loaded face: six, and more in a slender beam, whose ends turn far. A span
+/// that is bent by k is shorter by k^2/24, which it does not know. A face that an elastic clamp holds may bulge.
 void build_beam(const Spine::Span& span, BeamProtocol::Chain& chain) {
-  chain.bodies = 6;
-  for (int i = 0; i < chain.bodies; ++i) {
-    const Eigen::Vector2d left(i * span.length / chain.bodies, 0), right((i + 1) * span.length / chain.bodies, 0);
+  const int first = chain.bodies, count = span.length > 20 * span.height ? 24 : 6;
+  if (first > 0) chain.centres.push_back({0, 0});
+  chain.bodies += count;
+  for (int i = 0; i < count; ++i) {
+    const Eigen::Vector2d left(i * span.length / count, 0), right((i + 1) * span.length / count, 0);
     chain.centres.push_back(right);
-    chain.spans.push_back({{i - 1, left}, {i, right}, span.length / chain.bodies, span.height, i == 0 ? 1 : 0});
+    chain.spans.push_back(
+        {{first + i - 1, left}, {first + i, right}, span.length / count, span.height, i == 0 && first == 0 ? 1 : 0});
   }
 }
 
-/// The cable of a chain with stiff pieces: it has to be one of the body's own.
-ChainCable chain_cable(const Experiment& experiment, const CableSettings& settings, const Cable& model, int spans) {
+/// The cable of a chain with stiff pieces, the second of which is body `first`: it has to be one of the body's own.
+ChainCable chain_cable(const Experiment& experiment, const CableSettings& settings, const Cable& model, int spans,
+                       int first) {
   const auto point = [&](int k) {
     const std::vector<double>& at = settings.points[static_cast<size_t>(k)];
     return Eigen::Vector2d(at[0], at[1]);
@@ -258,33 +281,96 @@ ChainCable chain_cable(const Experiment& experiment, const CableSettings& settin
   ChainCable cable;
   cable.retraction = model.retraction;
   cable.smoothing = model.smoothing;
+  if (first > 0 && model.points.front().material.nodes.empty())  // the clamp gives way and the cable's anchor does not
+    cable.free_lengths.push_back({BodyPoint{-1, point(0)}, BodyPoint{0, point(1)}});
   for (int i = 0; i < spans; ++i)
-    cable.free_lengths.push_back({BodyPoint{i - 1, point(2 * i + 1)}, BodyPoint{i, point(2 * i + 2)}});
+    cable.free_lengths.push_back({BodyPoint{first + i - 1, point(2 * i + 1)}, BodyPoint{first + i, point(2 * i + 2)}});
   return cable;
 }
 
-/// Webs and tip plate; the base plate is fixed.
+/// Webs and tip plate; the base plate is fixed, or the first body on an elastic clamp.
 void build_module(const Experiment& experiment, const Spine& spine, const BenchModel& model,
                   BeamProtocol::Chain& chain) {
-  chain.bodies = static_cast<int>(spine.spans.size());
-  for (int i = 0; i < chain.bodies; ++i) {
+  const int first = chain.bodies, count = static_cast<int>(spine.spans.size());
+  const Mesh& mesh = model.scene.model->mesh();
+  if (first > 0) chain.centres.push_back({mesh.node(mesh.select(spine.clamped).nodes().front()).x(), 0});
+  chain.bodies += count;
+  for (int i = 0; i < count; ++i) {
     const auto& [left, length, height] = spine.spans[static_cast<size_t>(i)];
     const double right = left + length;
-    chain.centres.push_back({i + 1 == chain.bodies ? spine.end : right, 0});
-    chain.spans.push_back({{i - 1, {left, 0}}, {i, {right, 0}}, length, height, 2});
+    const int one = first + i - 1, other = first + i;
+    chain.centres.push_back({i + 1 == count ? spine.end : right, 0});
+    chain.spans.push_back({{one, {left, 0}}, {other, {right, 0}}, length, height, 2});
     if (!spine.lips || !experiment.contact.on) continue;
     for (int side : {1, -1}) {
       for (double y : {spine.lips->inner, spine.lips->outer}) {
-        const BodyPoint corner{i - 1, {left + spine.lips->length, side * y}};
-        chain.lips.push_back({i, side, corner, {i, {right - spine.lips->length, side * y}}});
+        const BodyPoint corner{one, {left + spine.lips->length, side * y}};
+        chain.lips.push_back({i, side, corner, {other, {right - spine.lips->length, side * y}}});
       }
     }
   }
   // Two lips in a row as bars, with two corners each.
   if (spine.lips) chain.lip_shape = 0.5 * spine.lips->thickness / (2 * spine.lips->length);
   for (size_t c = 0; c < model.cables.size(); ++c)
-    chain.cables.push_back(chain_cable(experiment, experiment.cables.cables[c], model.cables[c], chain.bodies));
+    chain.cables.push_back(chain_cable(experiment, experiment.cables.cables[c], model.cables[c], count, first));
 }
+
+/// Own weight, of density times gravity times thickness on an area.
+class Weights {
+ public:
+  Weights(const Experiment& experiment, const Spine& spine, BeamProtocol::Chain& chain) : spine_(spine), chain_(chain) {
+    const std::vector<double>& down = experiment.gravity_direction;
+    down_ = ChainFrame{spine.origin, spine.along}.direction(Eigen::Vector2d(down[0], down[1]).normalized());
+  }
+
+  /// Of a beam. The area under a span's bent axis is that under its chord and L^2/12 times the difference of the ends'
+  /// slopes: as if halves of its weight sat a sixth of its length from its ends and moved with these.
+  void add_spans() {
+    for (const ChainSpan& span : chain_.spans) {
+      const Eigen::Vector2d inwards(span.length / 6, 0);
+      const double half = 0.5 * span.length * span.height;
+      add(spine_.soft, {span.left.body, span.left.rest + inwards}, half);
+      add(spine_.soft, {span.right.body, span.right.rest - inwards}, half);
+    }
+  }
+
+  /// Of a module: stiff pieces turn with their bodies, soft elements are carried by both neighbours.
+  void add_elements(const Mesh& mesh) {
+    const std::vector<double> areas = element_measures(mesh);
+    for (int e = 0; e < mesh.element_count(); ++e) {
+      Eigen::Vector2d middle = Eigen::Vector2d::Zero();
+      const int corners = mesh.dimension() + 1;  // of a triangle
+      for (int a = 0; a < corners; ++a) middle += mesh.node(mesh.element(e)[a]) / corners;
+      const std::string& region = mesh.region_names[static_cast<size_t>(mesh.region[static_cast<size_t>(e)])];
+      size_t span = 0;
+      while (span + 1 < chain_.spans.size() && middle.x() > chain_.spans[span + 1].left.rest.x()) ++span;
+      const ChainSpan& at = chain_.spans[span];
+      const double along = std::clamp((middle.x() - at.left.rest.x()) / at.length, 0.0, 1.0);
+      const double right = region == spine_.soft ? along : std::round(along), area = areas[static_cast<size_t>(e)];
+      gather(region, at.left.body, middle, (1 - right) * area);
+      gather(region, at.right.body, middle, right * area);
+    }
+    for (const auto& [piece, moment] : pieces_)
+      add(piece.first, {piece.second, moment.head<2>() / moment[2]}, moment[2]);
+  }
+
+ private:
+  void gather(const std::string& region, int body, const Eigen::Vector2d& middle, double area) {
+    if (area == 0) return;
+    Eigen::Vector3d& moment = pieces_.try_emplace({region, body}, Eigen::Vector3d::Zero()).first->second;
+    moment += area * Eigen::Vector3d(middle.x(), middle.y(), 1);
+  }
+  void add(const std::string& region, const BodyPoint& at, double area) {
+    const int density = chain_.index("density_" + region);
+    if (density < 0 || at.body < 0) return;
+    chain_.loads.push_back({at, down_, {density, chain_.index("g"), chain_.thickness}, area});
+  }
+
+  const Spine& spine_;
+  BeamProtocol::Chain& chain_;
+  Eigen::Vector2d down_;
+  std::map<std::pair<std::string, int>, Eigen::Vector3d> pieces_;  ///< region and body: first moments and area
+};
 
 /// Where a load or a channel sits: the middle of the loaded face, or one of the face's points.
 BodyPoint seat(const Experiment& experiment, const std::string& part, const std::string& on,
@@ -310,9 +396,10 @@ void add_loads_and_channels(const Experiment& experiment, const Spine& spine, Be
     const std::string part = fmt::format("[[load]] '{}'", load.id);
     if (load.quantity != Quantity::force && load.quantity != Quantity::mass)
       refuse(experiment, part, "a chain of beams carries forces and hung masses");
-    chain.loads.push_back({seat(experiment, part, load.on, load.point, spine.loaded, frame, chain),
-                           along(load.direction), chain.index(load.id),
-                           load.quantity == Quantity::mass ? chain.index("g") : -1});
+    std::vector<int> factors{chain.index(load.id)};
+    if (load.quantity == Quantity::mass) factors.push_back(chain.index("g"));
+    chain.loads.push_back(
+        {seat(experiment, part, load.on, load.point, spine.loaded, frame, chain), along(load.direction), factors, 1});
   }
   for (const ChannelSettings& channel : experiment.channels) {
     const std::string part = fmt::format("[[channel]] '{}'", channel.id);
@@ -346,6 +433,7 @@ BeamBench make_beam_bench(const Experiment& experiment, const Trials& trials) {
   BenchRows rows = rows_of_readings(experiment, model, trials);
   chain->rows = std::move(rows.rows);
   chain->controls = model.controls;
+  chain->off_at_rest = model.off_at_rest;
   chain->from_unloaded = experiment.from_unloaded;
   for (size_t k = 0; k < experiment.bench.controls.size(); ++k) {
     if (experiment.cables.columns.count(experiment.bench.controls[k].id) > 0)
@@ -358,10 +446,15 @@ BeamBench make_beam_bench(const Experiment& experiment, const Trials& trials) {
   chain->k_cable = chain->index("k_cable");
   chain->slack = chain->index("slack");
   chain->plane_stress = experiment.geometry.plane == Plane::stress;
+  build_base(*chain);
   if (spine.stiff.empty()) {
     build_beam(spine.spans.front(), *chain);
   } else {
     build_module(experiment, spine, model, *chain);
+  }
+  if (!experiment.gravity_direction.empty()) {
+    Weights weights(experiment, spine, *chain);
+    spine.stiff.empty() ? weights.add_spans() : weights.add_elements(model.scene.model->mesh());
   }
   add_loads_and_channels(experiment, spine, *chain);
   return {std::make_unique<BeamProtocol>(std::move(chain)), std::move(rows.row_of_reading),

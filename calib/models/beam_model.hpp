@@ -8,11 +8,14 @@
 namespace taut {
 
 /// The cheapest rung of a model: a chain of rigid bodies in the plane, each with three unknowns, joined by spans of a
-/// Timoshenko beam, in equilibrium under loads, cables and lips that meet. It takes
+/// Timoshenko beam, in equilibrium under loads, own weight, cables and lips that meet. It takes
 ///
 ///   * a push_puppet: base plate (clamped), webs and tip plate are bodies, the foam of each cell is a span bonded to
 ///     two of them; the module's own cables run through their via points, lips press on each other at their end faces;
-///   * a rectangle clamped on one side and loaded on the opposite one: six bodies without thickness.
+///   * a rectangle clamped on one side and loaded on the opposite one: six bodies without thickness, 24 where it is
+///     over 20 times as long as high.
+///
+/// The clamp may give way (k_base): one body more, which springs hold.
 ///
 /// Between two bodies that moved apart by e along the direction half way between theirs, by s across it, and turned by
 /// k, a span of length L, height h and thickness t stores
@@ -76,7 +79,7 @@ struct BeamBench {
 };
 
 /// Throws InputError, one sentence that says what the beam model takes, for everything else: other geometries and
-/// laws, self-weight, recordings, other supports, loads and channels.
+/// laws, recordings, other supports, loads and channels.
 BeamBench make_beam_bench(const Experiment& experiment, const Trials& trials);
 
 /// Free parameters with starts from a fit of the beam model, where that describes the experiment and determines them: a

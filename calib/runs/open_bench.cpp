@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include "calib/models/beam_model.hpp"
 #include "calib/models/ladder.hpp"
 
@@ -11,12 +13,21 @@ namespace {
 ModelChoice beams(const Experiment& experiment, const Trials& trials) {
   std::unique_ptr<BeamProtocol> protocol = make_beam_bench(experiment, trials).protocol;
   ModelChoice choice;
+  choice.model_of = [beams = protocol.get()](int row) {
+    return RowModel{std::string(name_of(Rung::beam)), beams->stated_error(row)};
+  };
   choice.doubt = [beams = protocol.get()] {
     int rows = 0;
-    for (int row = 0; row < beams->row_count(); ++row) rows += beams->stated_error(row) <= 0.1 ? 0 : 1;
-    return rows == 0 ? std::string()
-                     : fmt::format("; {} of {} rows are beyond what a chain of beams describes within 10 %", rows,
-                                   beams->row_count());
+    double largest = 0;
+    for (int row = 0; row < beams->row_count(); ++row) {
+      const double error = beams->stated_error(row);
+      rows += error <= 0.1 ? 0 : 1;
+      if (error <= 0.1) largest = std::max(largest, error);
+    }
+    std::string text = fmt::format("; the beams state errors of up to {:.2g} %", 100 * largest);
+    if (rows > 0)
+      text += fmt::format(", and {} of {} rows are beyond what they describe within 10 %", rows, beams->row_count());
+    return text;
   };
   choice.protocol = std::move(protocol);
   return choice;
@@ -26,7 +37,11 @@ ModelChoice choose(const Experiment& experiment, const Trials& trials, const Sta
   if (experiment.model == Rung::beam) return beams(experiment, trials);
   if (experiment.model != Rung::automatic) return {};
   Ladder ladder = climb(experiment, trials, full);
-  return {std::move(ladder.protocol), ladder.sentence, {}};
+  const auto model_of = [rows = ladder.rows](int row) {
+    const RowChoice& chosen = rows[static_cast<size_t>(row)];
+    return RowModel{std::string(name_of(chosen.rung)), chosen.change};
+  };
+  return {std::move(ladder.protocol), ladder.sentence, {}, model_of};
 }
 
 }  // namespace

@@ -85,7 +85,8 @@ std::string predicted_csv(const RunRecord& record, const std::vector<PredictedRo
   return csv;
 }
 
-Json predicted_json(const RunRecord& record, const std::vector<PredictedRow>& rows) {
+Json predicted_json(const RunRecord& record, const std::vector<PredictedRow>& rows,
+                    const std::vector<std::string>& warnings) {
   Json json{{"title", record.title}, {"data", record.simulated ? "simulated" : "measured"}};
   for (const PredictedRow& row : rows) {
     const auto band = [&](double half) { return Json{row.value - half, row.value + half}; };
@@ -97,6 +98,7 @@ Json predicted_json(const RunRecord& record, const std::vector<PredictedRow>& ro
                             {key("interval95", record, row.channel), band(row.curve)},
                             {key("reading_interval95", record, row.channel), band(row.reading)}});
   }
+  json["warnings"] = warnings;
   return json;
 }
 
@@ -124,6 +126,7 @@ int predict_main(const CommandOptions& options) {
   }
   Progress progress(options.quiet);
   progress.say(fmt::format("predicting {} rows with {} unknowns", bench->readings().size(), bench->unknowns()));
+  if (!bench->choice().empty()) progress.say(bench->choice());
   const Prediction prediction = protocol.predict(p, indices_of(free));
   Eigen::VectorXd se = standard_errors(prediction, protocol.parameters(), p, free, record.fit.covariance);
   if (record.fit.covariance.size() == 0) {
@@ -135,7 +138,7 @@ int predict_main(const CommandOptions& options) {
   }
   const std::vector<PredictedRow> rows = predicted_rows(record, *bench, prediction, se);
   if (options.json)
-    print_json(predicted_json(record, rows));
+    print_json(predicted_json(record, rows, bench->warnings_after()));
   else
     fmt::print("{}", predicted_csv(record, rows));
   print_failures(prediction.failures);

@@ -1,9 +1,11 @@
 #include <fmt/format.h>
 
 #include <boost/program_options.hpp>
+#include <cmath>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <numeric>
+#include <optional>
 
 #include "calib/data/files.hpp"
 #include "calib/runs/open_bench.hpp"
@@ -110,13 +112,19 @@ Json replay_json(const Replay& replay, const Bench& bench) {
             {"seconds", record.replay_seconds},
             {"factorisations", bench.protocol().factorisations()}};
   if (!bench.choice().empty()) json["model"] = bench.choice();
-  for (const ReadingRecord& r : record.readings) {
-    json["rows"].push_back({{"line", r.line},
-                            {"channel", r.channel},
-                            {"trial", r.trial},
-                            {"controls", r.controls},
-                            {key("measured", record, r.channel), r.measured},
-                            {key("predicted", record, r.channel), r.predicted}});
+  for (size_t i = 0; i < record.readings.size(); ++i) {
+    const ReadingRecord& r = record.readings[i];
+    Json row{{"line", r.line},
+             {"channel", r.channel},
+             {"trial", r.trial},
+             {"controls", r.controls},
+             {key("measured", record, r.channel), r.measured},
+             {key("predicted", record, r.channel), r.predicted}};
+    if (const std::optional<RowModel> model = bench.model_of(bench.readings()[i].row)) {
+      row["model"] = model->name;
+      row["model_error"] = std::isfinite(model->error) ? Json(model->error) : Json();
+    }
+    json["rows"].push_back(std::move(row));
   }
   for (const CableState& state : bench.cable_states())
     json["cables"].push_back(
@@ -129,6 +137,8 @@ Json replay_json(const Replay& replay, const Bench& bench) {
                               {"decay_per_s", s.decay},
                               {"predicted_decay_per_s", s.predicted_decay}});
   if (!replay.with_respect_to.empty()) json["sensitivities"] = sensitivities_json(replay, bench);
+  json["warnings"] = record.remarks;
+  for (const std::string& warning : bench.warnings_after()) json["warnings"].push_back(warning);
   json["failures"] = replay.prediction.failures;
   return json;
 }

@@ -60,7 +60,11 @@ void add_facts(const Simulation& simulation, const Robot& robot, const Simulatio
                           result.iterations, result.factorisations));
   if (!result.failure.empty()) add("ended early", result.failure);
   if (result.saddles_left > 0)
-    add("buckling", fmt::format("{} equilibria were reached by leaving an unstable one", result.saddles_left));
+    add("buckling",
+        fmt::format("{} equilibria were reached by leaving an unstable one{}", result.saddles_left,
+                    result.side.empty()
+                        ? ""
+                        : "; symmetric bifurcation: the side was chosen by a fixed rule, towards " + result.side));
   add("inverted elements", result.smallest_jacobian > 0
                                ? fmt::format("none in {} states; smallest J = {:.3g}", states, result.smallest_jacobian)
                                : fmt::format("YES: smallest J = {:.3g}", result.smallest_jacobian));

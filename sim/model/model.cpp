@@ -8,12 +8,13 @@
 namespace taut {
 
 Model::Model(Mesh mesh, ParameterTable parameters, std::vector<std::unique_ptr<Term>> terms,
-             std::vector<Support> supports, std::vector<Body> bodies)
+             std::vector<Support> supports, std::vector<Body> bodies, std::vector<LooseBody> loose)
     : mesh_(std::move(mesh)),
       parameters_(std::move(parameters)),
       terms_(std::move(terms)),
       supports_(std::move(supports)),
-      bodies_(std::move(bodies)) {
+      bodies_(std::move(bodies)),
+      loose_(std::move(loose)) {
   length_scale_ = mesh_.diagonal();
   std::vector<bool> fixed(unknowns(), false);
   for (const Support& support : supports_) {

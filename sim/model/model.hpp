@@ -1,6 +1,7 @@
 #pragma once
 #include <algorithm>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "sim/core/parameters.hpp"
@@ -22,6 +23,13 @@ struct Body {
   int modulus = -1;                           ///< -1: rigid, see SceneBuilder::add_rigid
   bool supported = false;                     ///< a support prescribes some of its displacements
   bool rigid() const { return modulus < 0; }  ///< see modulus
+};
+
+/// A connected piece of the mesh that supports do not hold by themselves: cables or contact have to, which only an
+/// equilibrium tells.
+struct LooseBody {
+  std::string name;  ///< for people: "body 'platform'"
+  std::vector<int> nodes;
 };
 
 /// Sparsity pattern of the Hessian on the free unknowns: lower triangle, compressed columns, rows ascending.
@@ -60,7 +68,7 @@ class Model {
  public:
   /// Throws std::logic_error when a displacement component is prescribed twice.
   Model(Mesh mesh, ParameterTable parameters, std::vector<std::unique_ptr<Term>> terms, std::vector<Support> supports,
-        std::vector<Body> bodies = {});
+        std::vector<Body> bodies = {}, std::vector<LooseBody> loose = {});
 
   const Mesh& mesh() const { return mesh_; }                         ///< at rest
   const ParameterTable& parameters() const { return parameters_; }   ///< all numbers that it depends on
@@ -69,6 +77,7 @@ class Model {
   const SparsePattern& pattern() const { return pattern_; }          ///< of the Hessian, without couplings by contact
   double length_scale() const { return length_scale_; }              ///< diagonal of the bounding box [m]
   const std::vector<Body>& bodies() const { return bodies_; }        ///< see Body; empty: none are told apart
+  const std::vector<LooseBody>& loose_bodies() const { return loose_; }  ///< see LooseBody; none: supports hold all
   /// Index of an unknown among the free ones, -1 when it is supported.
   int free_index(int unknown) const { return free_index_[unknown]; }
 
@@ -109,6 +118,7 @@ class Model {
   std::vector<std::unique_ptr<Term>> terms_;
   std::vector<Support> supports_;
   std::vector<Body> bodies_;
+  std::vector<LooseBody> loose_;
   std::vector<int> free_index_;  ///< per unknown: index among the free ones or -1
   std::vector<int> free_;        ///< unknown of each free index
   std::vector<Slots> slots_;     ///< per term

@@ -104,10 +104,13 @@ class Run {
       const Params p = robot_.at(simulation_, times[k]);
       const SolveReport& report = equilibrium.solve(p);
       if (report.left_saddle) ++result_.saddles_left;
+      if (result_.side.empty()) result_.side = report.side;
       result_.iterations += report.iterations;
       result_.factorisations += report.factorisations;
       result_.repeated += report.load_steps > 1 ? report.load_steps - 1 : 0;
       result_.interrupted = report.status == SolveStatus::interrupted;
+      if (report.status == SolveStatus::not_held && k == 0)
+        throw InputError(fmt::format("{}: {}", simulation_.path, report.held_by_nothing()));
       if (report.status != SolveStatus::converged) return stop_at(times[k], report.message());
       const AcceptedStep state{times[k], k == 0 ? 0 : simulation_.step, equilibrium.u(), still, p, {}};
       record(state);

@@ -21,6 +21,7 @@ struct SimulationResult {
   int steps = 0, repeated = 0;  ///< accepted; solved again with a shorter step
   int iterations = 0, factorisations = 0;
   int saddles_left = 0;  ///< static: equilibria on whose way an unstable one was left (buckling)
+  std::string side;      ///< of the first of two alike sides, see SolveReport::side
   double seconds = 0;
   // Of all accepted states, tested after the run.
   double smallest_jacobian = 0;    ///< over quadrature points and nodes; <= 0: an element has folded

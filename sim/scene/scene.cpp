@@ -53,6 +53,29 @@ void check_rest(const AnyContact& contact, Eigen::Index unknowns, double gap) {
   }
 }
 
+/// "body 'platform'", or the body with a node.
+std::string name_of_piece(const Mesh& mesh, int node) {
+  for (const Part& part : mesh.parts) {
+    if (node >= part.first_node && node < part.first_node + part.node_count) return fmt::format("body '{}'", part.name);
+  }
+  const Eigen::VectorXd at = 1e3 * mesh.node(node);
+  return fmt::format("the body with the node at ({:.4g}, {:.4g}{}) mm", at[0], at[1],
+                     at.size() == 3 ? fmt::format(", {:.4g}", at[2]) : "");
+}
+
+/// Appends the pieces of a part: joints may leave them free to move against each other.
+void add_pieces(const Mesh& mesh, const std::vector<int>& part, const std::vector<int>& piece, int which,
+                std::vector<LooseBody>& loose) {
+  std::map<int, LooseBody> pieces;
+  for (int node = 0; node < mesh.node_count(); ++node) {
+    if (part[static_cast<size_t>(node)] == which) pieces[piece[static_cast<size_t>(node)]].nodes.push_back(node);
+  }
+  for (auto& [first, body] : pieces) {
+    body.name = name_of_piece(mesh, first);
+    loose.push_back(std::move(body));
+  }
+}
+
 }  // namespace
 
 SceneBuilder::SceneBuilder(Mesh mesh, Plane plane, double thickness)
@@ -225,6 +248,9 @@ void SceneBuilder::add_point_mass(const std::string& tag, int mass) {
 }
 
 void SceneBuilder::add_cable(const Cable& cable) {
+  std::vector<int>& nodes = cables_.emplace_back();
+  for (const CablePoint& point : cable.points)
+    nodes.push_back(point.material.nodes.empty() ? -1 : point.material.nodes.front());
   terms_.push_back(make_cable(mesh_, cable));
 }
 
@@ -342,6 +368,7 @@ const Contact& SceneBuilder::add_contact(double gap, const std::map<std::string,
   settings.form = form;
   settings.obstacles = obstacles;
   settings.grounds = grounds;
+  touches_others_ = !obstacles.empty() || !grounds.empty() || mesh_.parts.size() > 1;
   settings.thickness = thickness_;
   const bool pairs = form == ContactForm::pair_sum || form == ContactForm::pair_sum_dedup;
   return add_surface<Contact>(std::move(settings), gap, pressures, pairs ? "N/m" : "Pa");
@@ -352,14 +379,26 @@ const Contact3d& SceneBuilder::add_contact_3d(double gap, const std::map<std::st
   if (mesh_.dimension() != 3) throw InputError("contact with planes is for 3D models; use the one of 2D models");
   Contact3dSettings settings;
   settings.grounds = grounds;
+  touches_others_ = !grounds.empty() || mesh_.parts.size() > 1;
   return add_surface<Contact3d>(std::move(settings), gap, pressures, "Pa");
 }
 
-/// The supports must fix all translations and rotations of every connected part, or the Hessian at rest is singular.
-/// What joints connect is one part here, and a point that a joint pins to the world, or turns by its motor, is held.
-void SceneBuilder::check_rigid_motions() const {
+/// Whether cables to something else, or contact, may hold a part.
+bool SceneBuilder::may_be_held(const std::vector<int>& part, int which) const {
+  const auto on_it = [&](int node) { return node >= 0 && part[static_cast<size_t>(node)] == which; };
+  return touches_others_ || std::any_of(cables_.begin(), cables_.end(), [&](const std::vector<int>& cable) {
+           return std::any_of(cable.begin(), cable.end(), on_it) && !std::all_of(cable.begin(), cable.end(), on_it);
+         });
+}
+
+/// The supports must fix all translations and rotations of every connected part, or the Hessian at rest is singular;
+/// parts that cables or contact may hold instead are returned. What joints connect is one part here, and a point that a
+/// joint pins to the world, or turns by its motor, is held.
+std::vector<LooseBody> SceneBuilder::loose_bodies() const {
   const int d = mesh_.dimension(), motions = d == 2 ? 3 : 6;
-  std::vector<int> part = parts_of(mesh_, [](int) { return true; });
+  const std::vector<int> piece = parts_of(mesh_, [](int) { return true; });
+  std::vector<int> part = piece;
+  std::vector<LooseBody> loose;
   auto root = [&](int i) { return part[static_cast<size_t>(i)]; };
   for (const Joint& joint : joints_) {
     if (joint.pivot_a.nodes.empty() || joint.pivot_b.nodes.empty()) continue;
@@ -398,14 +437,18 @@ void SceneBuilder::check_rigid_motions() const {
       }
     }
     const Eigen::Index rank = held.empty() ? 0 : rank_of(rows, 1e-9);
-    if (rank < motions) {
+    if (rank == motions) continue;
+    if (!may_be_held(part, representative)) {
       const Eigen::VectorXd at = mesh_.node(representative) * 1e3;
       throw InputError(
           fmt::format("the supports leave {} of {} rigid motions free (the part with the node at ({:.4g}, {:.4g}{}) "
-                      "mm): fix more components",
-                      motions - rank, motions, at[0], at[1], d == 3 ? fmt::format(", {:.4g}", at[2]) : ""));
+                      "mm{}): fix more components, or hold it by cables or contact",
+                      motions - rank, motions, at[0], at[1], d == 3 ? fmt::format(", {:.4g}", at[2]) : "",
+                      mesh_.parts.empty() ? "" : ", " + name_of_piece(mesh_, representative)));
     }
+    add_pieces(mesh_, part, piece, representative, loose);
   }
+  return loose;
 }
 
 /// Connected pieces of each region, and of all rigid ones together: what touches moves as one. Rigid pieces that are
@@ -471,14 +514,15 @@ void SceneBuilder::check_materials() const {
 
 Scene SceneBuilder::build(bool free_bodies) {
   check_materials();
-  if (!free_bodies) check_rigid_motions();
+  std::vector<LooseBody> loose;
+  if (!free_bodies) loose = loose_bodies();
   std::vector<Body> pieces = bodies();
   std::vector<Support> supports;
   for (const auto& [dof, s] : supports_) supports.push_back(s);
   Scene scene;
   scene.values = Eigen::Map<const Eigen::VectorXd>(values_.data(), static_cast<Eigen::Index>(values_.size()));
   scene.model = std::make_unique<Model>(std::move(mesh_), std::move(parameters_), std::move(terms_),
-                                        std::move(supports), std::move(pieces));
+                                        std::move(supports), std::move(pieces), std::move(loose));
   return scene;
 }
 

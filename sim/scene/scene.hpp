@@ -101,7 +101,8 @@ class SceneBuilder {
 
   /// The finished scene. Parts that joints connect count as one body, and the world's joints as its supports, a free
   /// pin for what it holds. Throws InputError when a region has no material or, unless bodies may move freely because
-  /// their inertia holds them in each time step, the supports leave a rigid motion free.
+  /// their inertia holds them in each time step, the supports leave a rigid motion free of a body that neither cables
+  /// nor contact reach; whether these hold the others is found with the equilibrium (Model::loose_bodies()).
   Scene build(bool free_bodies = false);
 
  private:
@@ -112,7 +113,8 @@ class SceneBuilder {
   int density_of(const std::string& region, double density);
   std::vector<int> part_of_nodes() const;
   void check_materials() const;
-  void check_rigid_motions() const;
+  std::vector<LooseBody> loose_bodies() const;
+  bool may_be_held(const std::vector<int>& part, int which) const;
   std::vector<Body> bodies();
   void check_direction(const Eigen::VectorXd& direction) const;
 
@@ -127,7 +129,9 @@ class SceneBuilder {
   std::vector<double> stiffness_;  ///< per region: its Young's modulus at small strain [Pa], 0 without a material
   std::vector<bool> rigid_;        ///< per region
   std::map<int, Support> supports_;
-  std::vector<int> clamped_;  ///< nodes of elastic clamps
+  std::vector<int> clamped_;              ///< nodes of elastic clamps
+  std::vector<std::vector<int>> cables_;  ///< of each a node at each of its points; -1: fixed in the world
+  bool touches_others_ = false;           ///< there is contact, with grounds, obstacles or other parts
   std::vector<Joint> joints_;
   std::vector<std::array<int, 2>> joined_;  ///< parts that a joint connects, by their places in the mesh's list
 };

@@ -2,9 +2,12 @@
 
 #include <fmt/format.h>
 
+#include <array>
 #include <limits>
 #include <stdexcept>
 #include <utility>
+
+#include "sim/core/dense.hpp"
 
 namespace taut {
 namespace {
@@ -20,7 +23,7 @@ double largest(const Eigen::VectorXd& v) {
 
 std::string_view name_of(SolveStatus status) {
   constexpr std::string_view names[] = {"converged",     "infeasible start", "iteration limit", "stalled",
-                                        "not a minimum", "load step limit",  "interrupted"};
+                                        "not a minimum", "not held",         "load step limit", "interrupted"};
   return names[static_cast<size_t>(status)];
 }
 
@@ -28,13 +31,22 @@ std::string SolveReport::message() const {
   std::string text = fmt::format("{}: {} Newton iterations, {} factorisations, {} load step{}", name_of(status),
                                  iterations, factorisations, load_steps, load_steps == 1 ? "" : "s");
   if (left_saddle) text += ", left an unstable equilibrium";
+  if (!side.empty()) text += fmt::format(" of two alike sides towards {}", side);
   if (slipped) text += fmt::format(", slipped to another equilibrium after {:.3g} % of the load", 100 * slipped_after);
   if (status != SolveStatus::converged) {
     text += fmt::format(", reached {:.3g} % of the load, out-of-balance force {:.3g} N", 100 * reached, gradient);
   }
   if (status == SolveStatus::load_step_limit)
     text += "; the path may end there, as at a limit load: lower the load, or allow more iterations";
+  if (status == SolveStatus::not_held) text += "; " + held_by_nothing();
   return text;
+}
+
+std::string SolveReport::held_by_nothing() const {
+  return fmt::format(
+      "{} has rigid motions free, since neither supports nor cables nor contact hold it there: add a "
+      "support, or cables or contact that hold it in every direction",
+      loose);
 }
 
 Equilibrium::Equilibrium(const Model& model, EquilibriumOptions options)
@@ -81,6 +93,12 @@ bool Equilibrium::factorise(bool& exact, const Eigen::VectorXd& u, const Params&
   return false;
 }
 
+/// Longest step to begin with [m]. A loose body that nothing holds yet would be thrown out of sight: it falls, faster
+/// and faster, until it is caught.
+double Equilibrium::first_step() const {
+  return model_->loose_bodies().empty() || step_ != nullptr ? infinity : 0.02 * model_->length_scale();
+}
+
 Eigen::VectorXd Equilibrium::free_gradient_at(const Eigen::VectorXd& u, const Params& p) const {
   Eigen::VectorXd gradient;
   Assembly out;
@@ -93,6 +111,7 @@ Eigen::VectorXd Equilibrium::free_gradient_at(const Eigen::VectorXd& u, const Pa
 bool Equilibrium::find_direction(const Eigen::VectorXd& u, const Params& p, Direction& to) {
   Eigen::VectorXd gradient;
   if (!factorise(to.exact, u, p, gradient)) return false;
+  if (!to.exact) ++indefinite_;
   ++report_.iterations;
   to.gradient = hessian_.reduction().restrict_to_free(u, gradient);
   to.step = -hessian_.solve(to.gradient);
@@ -141,29 +160,29 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
   const LineSearch search = options_.comparison.line_search;
   bool on_trust = false;  // the last step raised the energy and is still to be made up for
   const int limit = (buckling_ ? 4 : 1) * options_.max_iterations;  // the way into a post-buckled shape is long
-  for (int iteration = 0; iteration < limit; ++iteration) {
+  double longest = first_step();
+  for (int iteration = 0; iteration < limit; ++iteration, longest *= 1.5) {
     if (stopped()) return {SolveStatus::interrupted, false};
     Direction way;
     if (!find_direction(u, p, way)) return {SolveStatus::stalled, false};
     if (report_.gradient < options_.comparison.stop_at_force) return {SolveStatus::converged, way.exact};
     const double noise = 10 * epsilon * energy.magnitude;
     const Eigen::VectorXd step = hessian_.reduction().extend_from_free(u, way.step);
-    double fraction = 1;
+    const double size = largest(way.step);
+    double fraction = std::min(1.0, longest / size);
     Eigen::VectorXd trial = motions.admissible(u, step, p, fraction);
     if (fraction == 0 && search != LineSearch::none) return {SolveStatus::stalled, false};
     model_->evaluate(at(trial, p), next);
     // The Newton step is the error estimate. A last full step costs no factorisation and leaves an error of its square.
-    const double size = largest(way.step);
+    if (search == LineSearch::none && !std::isfinite(next.energy)) return {SolveStatus::stalled, false};
+    if (size <= tolerance) {
+      if (search == LineSearch::none || next.energy <= energy.energy + noise) u = trial;
+      return {SolveStatus::converged, way.exact};
+    }
     if (search == LineSearch::none) {
       u = trial;
       energy = next;
-      if (!std::isfinite(energy.energy)) return {SolveStatus::stalled, false};
-      if (size <= tolerance) return {SolveStatus::converged, way.exact};
       continue;
-    }
-    if (size <= tolerance) {
-      if (next.energy <= energy.energy + noise) u = trial;
-      return {SolveStatus::converged, way.exact};
     }
     if (polish_ == Polish::search && way.exact && fraction == 1 && next.energy <= energy.energy) {
       Eigen::VectorXd refined = trial;
@@ -212,46 +231,163 @@ bool Equilibrium::refine(Eigen::VectorXd& u, const Params& p, double largest_ste
   return false;
 }
 
-/// At a stationary point whose exact Hessian is not positive definite: finds the direction of the lowest eigenvalue by
-/// inverse iteration and steps along it, to the side of lower energy. False when there is no negative curvature.
-bool Equilibrium::leave_saddle(Eigen::VectorXd& u, const Params& p) {
-  const Assembly out = hessian_.assemble(at(u, p), Curvature::exact, nullptr);
+/// Factorises the exact Hessian at u plus the smallest multiple of I of a few that makes it positive definite.
+bool Equilibrium::factorise_shifted(const Eigen::VectorXd& u, const Params& p, Assembly& out) {
+  out = hessian_.assemble(at(u, p), Curvature::exact, nullptr);
   const double scale = hessian_.mean_diagonal();
-  double shift = 1e-10 * scale;
-  while (!hessian_.factorise(shift)) {
-    shift *= 10;
-    if (!(shift < 1e3 * scale)) return false;
+  for (double shift = 1e-10 * scale; shift < 1e3 * scale; shift *= 10) {
+    if (hessian_.factorise(shift)) return true;
   }
+  return false;
+}
+
+/// The mode of the lowest eigenvalue by inverse iteration with the (shifted) factor at hand, orthogonal to `besides`.
+Eigen::VectorXd Equilibrium::lowest_mode(const Eigen::VectorXd& besides) const {
   Eigen::VectorXd mode(hessian_.reduction().size());
   for (Eigen::Index i = 0; i < mode.size(); ++i) mode[i] = 1.0 + 0.5 * std::sin(1.0 + 0.7 * static_cast<double>(i));
-  for (int iteration = 0; iteration < 20; ++iteration) mode = hessian_.solve(mode.normalized());
-  mode /= largest(mode);
+  for (int iteration = 0; iteration < 20; ++iteration) {
+    mode = hessian_.solve(mode.normalized());
+    if (besides.size() > 0) mode -= besides.dot(mode) / besides.squaredNorm() * besides;
+  }
+  return mode / largest(mode);
+}
+
+/// A displacement of all nodes that no symmetry of a body leaves as it is; each about 1 long.
+Eigen::VectorXd Equilibrium::push() const {
+  constexpr double component[3] = {0.48, 0.8, 0.36}, along[3] = {0.37, 0.23, 0.31};
+  const Mesh& mesh = model_->mesh();
+  const int d = mesh.dimension();
+  Eigen::VectorXd all(mesh.X.size());
+  for (int node = 0; node < mesh.node_count(); ++node) {
+    double size = 1;
+    for (int i = 0; i < d; ++i) size += along[i] * (mesh.node(node)[i] - mesh.X[i]) / model_->length_scale();
+    for (int i = 0; i < d; ++i) all[node * d + i] = size * component[i];
+  }
+  return all;
+}
+
+/// "+y": along which axis a mode goes most, and which way on the whole.
+std::string Equilibrium::heading(const Eigen::VectorXd& direction) const {
+  const int d = model_->mesh().dimension();
+  int most = 0;
+  double largest_square = -1, sum = 0;
+  for (int i = 0; i < d; ++i) {
+    const auto component = direction(Eigen::seq(i, Eigen::last, d));
+    if (component.squaredNorm() <= largest_square) continue;
+    largest_square = component.squaredNorm();
+    most = i;
+    sum = component.sum();
+  }
+  return fmt::format("{}{}", sum < 0 ? '-' : '+', "xyz"[most]);
+}
+
+/// At a stationary point whose exact Hessian is not positive definite: finds the direction of the lowest eigenvalue and
+/// steps along it, to the side of lower energy; of two that are alike to the one that push() has a share in. False when
+/// there is no negative curvature.
+bool Equilibrium::leave_saddle(Eigen::VectorXd& u, const Params& p) {
+  Assembly out;
+  if (!factorise_shifted(u, p, out)) return false;
+  const Eigen::VectorXd mode = lowest_mode({});
   if (!(hessian_.times(mode).dot(mode) < 0)) return false;
-  const Eigen::VectorXd direction = hessian_.reduction().extend_from_free(u, mode);
-  Eigen::VectorXd best;
+  const Eigen::VectorXd second = lowest_mode(mode);
+  const bool several = hessian_.times(second).dot(second) < 0;
+  Eigen::VectorXd direction = hessian_.reduction().extend_from_free(u, mode);
+  if (push().dot(direction) < 0) direction = -direction;
   const Motion way = motion(p);
-  double lowest = infinity;
-  for (double amplitude = 1e-2 * model_->length_scale();
-       amplitude > 1e-6 * model_->length_scale() && lowest == infinity; amplitude *= 0.5) {
-    for (double sign : {1.0, -1.0}) {
+  const double noise = 10 * epsilon * out.magnitude;
+  for (double amplitude = 1e-2 * model_->length_scale(); amplitude > 1e-6 * model_->length_scale(); amplitude *= 0.5) {
+    std::array<Eigen::VectorXd, 2> sides;
+    std::array<double, 2> falls;  // of the energy
+    for (size_t k : {0u, 1u}) {
       double fraction = amplitude;
-      const Eigen::VectorXd candidate = way.admissible(u, sign * direction, p, fraction);
+      sides[k] = way.admissible(u, (k == 0 ? 1.0 : -1.0) * direction, p, fraction);
       Assembly energy;
-      model_->evaluate(at(candidate, p), energy);
-      if (energy.energy < out.energy && energy.energy < lowest) {
-        lowest = energy.energy;
-        best = candidate;
+      model_->evaluate(at(sides[k], p), energy);
+      falls[k] = out.energy - energy.energy;
+    }
+    if (!(falls[0] > 0 || falls[1] > 0)) continue;
+    const bool alike = std::abs(falls[0] - falls[1]) <= 1e-2 * std::max(falls[0], falls[1]) + noise;
+    const bool first = alike || falls[0] >= falls[1];
+    report_.side = alike ? heading(direction) : "";
+    saddle_ = {u, first ? direction : Eigen::VectorXd(-direction), several};
+    u = sides[first ? 0 : 1];
+    return true;
+  }
+  return false;
+}
+
+/// Whether the way from the saddle that was left last may have led to another branch: several were there to take, or
+/// the end is not on the side that was chosen.
+bool Equilibrium::lost_its_way(const Eigen::VectorXd& u) const {
+  return saddle_.several || (u - saddle_.u).dot(saddle_.direction) < 0;
+}
+
+/// Whether rounding alone decided that a search from `start` ended at u, as where a symmetric state is unstable: after
+/// a small push one way or the other it ends elsewhere. Asked where many Hessians were indefinite and the way was long,
+/// of another object, so that what this one keeps does not depend on the question.
+bool Equilibrium::drifted(const Eigen::VectorXd& u, const Eigen::VectorXd& start, const Params& p) {
+  constexpr int fewest = 5;  // Newton steps take to make something of rounding
+  const double size = model_->length_scale();
+  if (indefinite_ < fewest || !options_.check_minimum || largest(u - start) < 0.05 * size) return false;
+  Equilibrium probe(*model_, options_);
+  probe.hessian_.expect(hessian_.couplings());
+  bool elsewhere = false;
+  for (double way : {1.0, -1.0}) {
+    double fraction = 1e-7 * size;
+    Eigen::VectorXd other = motion(p).admissible(start, way * push(), p, fraction);
+    model_->impose_supports(p, other);
+    elsewhere |= probe.settle(other, p) == SolveStatus::converged && largest(other - u) > 1e-6 * size;
+  }
+  probed_ += probe.hessian_.factorisations();
+  return elsewhere;
+}
+
+/// Whether all loose bodies are held at u: R^T H R has no eigenvalue that is zero beside rounding, where R are their
+/// rigid motions (of unit length). What is not held in some way has such a motion without stiffness.
+bool Equilibrium::is_held(const Eigen::VectorXd& u, const Params& p) {
+  const std::vector<LooseBody>& loose = model_->loose_bodies();
+  if (loose.empty() || step_ != nullptr) return true;
+  const int d = model_->mesh().dimension(), turns = d == 2 ? 1 : 3, each = d + turns;
+  const Eigen::VectorXd x = model_->mesh().X + u;
+  Eigen::MatrixXd R = Eigen::MatrixXd::Zero(u.size(), each * static_cast<Eigen::Index>(loose.size()));
+  for (size_t k = 0; k < loose.size(); ++k) {
+    auto columns = R.middleCols(static_cast<Eigen::Index>(k) * each, each);
+    Eigen::VectorXd centre = Eigen::VectorXd::Zero(d);
+    for (int node : loose[k].nodes) centre += x.segment(node * d, d) / static_cast<double>(loose[k].nodes.size());
+    for (int node : loose[k].nodes) {
+      const Eigen::VectorXd arm = x.segment(node * d, d) - centre;
+      for (int i = 0; i < d; ++i) columns(node * d + i, i) = 1;
+      for (int turn = 0; turn < turns; ++turn) {
+        const int about = d == 2 ? 2 : turn, first = (about + 1) % 3, second = (about + 2) % 3;
+        columns(node * d + first, d + turn) = -arm[second];
+        columns(node * d + second, d + turn) = arm[first];
       }
     }
   }
-  if (lowest == infinity) return false;
-  u = best;
-  return true;
+  for (Eigen::Index j = 0; j < R.cols(); ++j)
+    R.col(j) = model_->extend_from_free(model_->restrict_to_free(R.col(j))).normalized();
+  const SingularValues basis = singular_values(R);  // partial supports may take some of these motions away
+  const Eigen::MatrixXd Q = basis.U.leftCols((basis.s.array() > 1e-9).count());
+  if (Q.cols() == 0) return true;
+  Eigen::MatrixXd HQ(Q.rows(), Q.cols());
+  for (Eigen::Index j = 0; j < Q.cols(); ++j) HQ.col(j) = model_->hessian_times(at(u, p), Q.col(j));
+  const SymmetricModes modes = symmetric_modes(Q.transpose() * HQ);
+  if (modes.values[0] > 1e-13 * hessian_.mean_diagonal()) return true;
+  const Eigen::VectorXd motion = Q * modes.vectors.col(0);
+  const auto moves = [&](const LooseBody& body) {
+    double square = 0;
+    for (int node : body.nodes) square += motion.segment(node * d, d).squaredNorm();
+    return square;
+  };
+  report_.loose = std::ranges::max_element(loose, {}, moves)->name;
+  return false;
 }
 
 /// Minimises from u and makes sure that the result is a minimum whose exact Hessian is factorised.
 SolveStatus Equilibrium::settle(Eigen::VectorXd& u, const Params& p) {
-  has_factor_ = buckling_ = false;
+  has_factor_ = false;
+  buckling_ = patient_;
+  indefinite_ = 0;
   for (int attempt = 0; attempt < 4; ++attempt) {
     const NewtonResult result = minimise(u, p);
     if (result.status != SolveStatus::converged) return result.status;
@@ -354,6 +490,7 @@ Eigen::MatrixXd Equilibrium::solve_linear(const Eigen::MatrixXd& b) const {
 const SolveReport& Equilibrium::solve_step(const Eigen::VectorXd& start, const Params& p, const TimeStep& step) {
   report_ = {};
   polish_ = Polish::full;
+  patient_ = false;
   const int factorisations = hessian_.factorisations();
   step_ = &step;
   Eigen::VectorXd u = start;
@@ -377,12 +514,44 @@ bool Equilibrium::refactorise() {
   return has_factor_ = std::isfinite(out.energy) && hessian_.factorise();
 }
 
+/// settle() on the way to `p`. True when where it came to is not to be relied on, and shorter load steps have to tell:
+/// what left a saddle took one of several ways, or a path that had left one already met another.
+bool Equilibrium::search(Eigen::VectorXd& u, const Params& p) {
+  const bool on_branch = std::exchange(report_.left_saddle, false);  // of a saddle that was left before
+  const Eigen::VectorXd start = u;
+  report_.status = passes_through(p, u) ? SolveStatus::infeasible_start : settle(u, p);
+  bool lost = false;
+  if (report_.status == SolveStatus::converged && p != p_)
+    lost = report_.left_saddle ? on_branch || lost_its_way(u) : !on_branch && drifted(u, start, p);
+  report_.left_saddle |= on_branch;
+  return lost;
+}
+
+/// Takes u at `p` as the last equilibrium; where the path is `checked` and slipped on the way, and `can_be_shorter`,
+/// not, and returns false.
+bool Equilibrium::accept(const Eigen::VectorXd& u, const Params& p, const Eigen::VectorXd& predicted, bool checked,
+                         bool can_be_shorter) {
+  const Eigen::VectorXd u_before = std::exchange(u_, u);
+  const Params p_before = std::exchange(p_, p);
+  if (!checked || !slipped(u_before, p_before, predicted)) return true;
+  if (can_be_shorter) {
+    u_ = u_before;
+    p_ = p_before;
+    return false;
+  }
+  if (!report_.slipped && options_.check_path) report_.slipped_after = report_.reached;
+  report_.slipped |= options_.check_path;  // what is followed for a saddle's sake only is no path of a bench
+  return true;
+}
+
 /// Load steps from the current state to `p`, with slips looked for where `check_path`.
 void Equilibrium::advance(const Params& p, bool check_path) {
   const Params start = p_;
-  const int most = report_.iterations + options_.max_total_iterations;
+  const int first = report_.iterations;
+  int most = first + options_.max_total_iterations;
   const double smallest_step = std::ldexp(1.0, -options_.max_halvings);
-  constexpr double smallest_followed = 1.0 / 64;  // a slip within a shorter load step counts as one
+  constexpr double smallest_followed = 1.0 / 64;   // a slip within a shorter load step counts as one
+  constexpr double smallest_bracket = 1.0 / 1024;  // around an unstable equilibrium whose modes are to be told apart
   const double longest_step = 1.0 / options_.load_steps;
   double step = longest_step;
   while (report_.reached < 1) {
@@ -391,41 +560,29 @@ void Equilibrium::advance(const Params& p, bool check_path) {
     const Params next = target == 1.0 ? p : Params(start + target * (p - start));
     // Supports that move far in one go invert the elements beside them, unless the whole body is predicted to follow; a
     // checked path needs its prediction too.
-    if (model_->support_moves(p_, next) || (check_path && next != p_)) refactorise();
+    const bool checked = (check_path || report_.left_saddle) && next != p_;
+    if (model_->support_moves(p_, next) || checked) refactorise();
     Eigen::VectorXd u = predict(next);
-    const bool checked = check_path && next != p_;
     const Eigen::VectorXd predicted = checked && has_factor_ ? u : Eigen::VectorXd();
-    report_.status = passes_through(next, u) ? SolveStatus::infeasible_start : settle(u, next);
-    if (report_.status == SolveStatus::converged) {
-      const Eigen::VectorXd u_before = std::exchange(u_, u);
-      const Params p_before = std::exchange(p_, next);
-      if (checked && slipped(u_before, p_before, predicted)) {
-        if (0.5 * step >= smallest_followed) {
-          u_ = u_before;
-          p_ = p_before;
-          has_factor_ = false;
-          step *= 0.5;
-          refactorise();
-          continue;
-        }
-        if (!report_.slipped) report_.slipped_after = report_.reached;
-        report_.slipped = true;
-      }
+    const bool on_branch = report_.left_saddle;
+    const std::string side = report_.side;
+    const bool lost = search(u, next);
+    if (lost || report_.left_saddle) most = first + 10 * options_.max_total_iterations;  // branches are long
+    const bool shorter = lost && 0.5 * step >= smallest_bracket && report_.iterations < most;
+    const bool converged = report_.status == SolveStatus::converged;
+    if (converged && !shorter && accept(u, next, predicted, checked, 0.5 * step >= smallest_followed)) {
       report_.reached = target;
       ++report_.load_steps;
       step = std::min(2 * step, longest_step);
       continue;
     }
-    has_factor_ = false;                                                  // it belongs to a state that was given up
-    if (report_.status == SolveStatus::interrupted || next == p_) break;  // nothing to take shorter steps of
-    if (report_.status == SolveStatus::infeasible_start) {
-      Assembly out;
-      model_->evaluate(at(u_, p_), out);
-      if (!std::isfinite(out.energy)) break;  // shorter steps start from the same state
-    }
+    const bool left_saddle = std::exchange(report_.left_saddle, on_branch);
+    report_.side = side;
+    has_factor_ = false;  // it belongs to a state that was given up
     step *= 0.5;
-    if (step < smallest_step || report_.iterations >= most) {
-      if (report_.status != SolveStatus::not_a_minimum) report_.status = SolveStatus::load_step_limit;
+    if (!converged && !goes_on_shorter(next, step >= smallest_step && report_.iterations < most) &&
+        !(!check_path && goes_on_patiently(step, most))) {
+      report_.left_saddle = left_saddle;
       break;
     }
     refactorise();  // for the predictor of the shorter step
@@ -435,6 +592,8 @@ void Equilibrium::advance(const Params& p, bool check_path) {
 const SolveReport& Equilibrium::solve(const Params& p, Polish polish) {
   report_ = {};
   polish_ = polish;
+  patient_ = false;
+  probed_ = 0;
   if (std::exchange(step_, nullptr) != nullptr) has_factor_ = false;
   const int factorisations = hessian_.factorisations();
   const Eigen::VectorXd u_start = u_;
@@ -447,12 +606,42 @@ const SolveReport& Equilibrium::solve(const Params& p, Polish polish) {
     start_at(u_start, p_start);
     report_.reached = 0;
     report_.load_steps = 0;
+    report_.left_saddle = false;
+    report_.side.clear();
     advance(p, false);
     report_.slipped = true;
     report_.slipped_after = end;
   }
-  report_.factorisations = hessian_.factorisations() - factorisations;
+  const bool undecided = report_.status != SolveStatus::interrupted && report_.status != SolveStatus::infeasible_start;
+  if (undecided && !is_held(u_, p_)) {
+    report_.status = SolveStatus::not_held;
+    has_factor_ = false;
+  }
+  report_.factorisations = hessian_.factorisations() - factorisations + probed_;
   return report_;
+}
+
+/// Whether a shorter load step is worth trying after one to `next` has failed; sets the status where it is not because
+/// none is `allowed`.
+bool Equilibrium::goes_on_shorter(const Params& next, bool allowed) {
+  if (report_.status == SolveStatus::interrupted || next == p_) return false;  // nothing to take shorter steps of
+  if (report_.status == SolveStatus::infeasible_start) {
+    Assembly out;
+    model_->evaluate(at(u_, p_), out);
+    if (!std::isfinite(out.energy)) return false;  // shorter steps start from the same state
+  }
+  if (!allowed && report_.status != SolveStatus::not_a_minimum) report_.status = SolveStatus::load_step_limit;
+  return allowed;
+}
+
+/// A body that is not quite symmetric softens so much near its critical load that even short steps fail: once a solve
+/// would give up there, the rest of it goes as after a saddle.
+bool Equilibrium::goes_on_patiently(double& step, int& most_iterations) {
+  if (report_.status != SolveStatus::load_step_limit || patient_ || indefinite_ == 0) return false;
+  patient_ = true;
+  step = 1.0 / 64;
+  most_iterations = report_.iterations + options_.max_total_iterations;
+  return true;
 }
 
 }  // namespace taut

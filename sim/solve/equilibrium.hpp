@@ -19,6 +19,7 @@ enum class SolveStatus {
   iteration_limit,   ///< Newton's method did not meet the tolerances in the iterations allowed
   stalled,           ///< no acceptable step although the tolerances are not met
   not_a_minimum,     ///< a stationary point that is a saddle, and no minimum was found by leaving it
+  not_held,          ///< a body without supports moves as a whole, and no force holds it back
   load_step_limit,   ///< load steps were halved until the smallest one failed too
   interrupted        ///< the caller's stop flag was raised
 };
@@ -56,17 +57,22 @@ struct EquilibriumOptions {
 /// What a solve took and how it ended.
 struct SolveReport {
   SolveStatus status = SolveStatus::converged;
-  int iterations = 0;           ///< Newton iterations, all load steps
-  int factorisations = 0;       ///< Cholesky factorisations, failed ones included
-  int projections = 0;          ///< iterations that needed a projected Hessian
-  int load_steps = 0;           ///< load steps taken; 1 means that the whole load was taken at once
-  bool left_saddle = false;     ///< the path met an unstable equilibrium and left it
-  bool not_tried = false;       ///< the state that it starts from failed
-  bool slipped = false;         ///< the path went to another equilibrium, not to the next one of its own
-  double slipped_after = 0;     ///< fraction of the load change at which that happened
-  double reached = 0;           ///< fraction of the load change that was reached
-  double gradient = 0;          ///< largest out-of-balance nodal force at the end [N]
-  std::string message() const;  ///< one phrase for people
+  int iterations = 0;        ///< Newton iterations, all load steps
+  int factorisations = 0;    ///< Cholesky factorisations, failed ones included
+  int projections = 0;       ///< iterations that needed a projected Hessian
+  int load_steps = 0;        ///< load steps taken; 1 means that the whole load was taken at once
+  bool left_saddle = false;  ///< the path met an unstable equilibrium and left it
+  /// Where both sides of that were alike (a symmetric bifurcation): the direction, "+y", in which the side that was
+  /// taken goes; which one that is follows from the mode's shape alone. "": no such choice was made.
+  std::string side;
+  bool not_tried = false;               ///< the state that it starts from failed
+  bool slipped = false;                 ///< the path went to another equilibrium, not to the next one of its own
+  double slipped_after = 0;             ///< fraction of the load change at which that happened
+  double reached = 0;                   ///< fraction of the load change that was reached
+  double gradient = 0;                  ///< largest out-of-balance nodal force at the end [N]
+  std::string loose;                    ///< not_held: which body it is, "body 'platform'"
+  std::string message() const;          ///< one phrase for people
+  std::string held_by_nothing() const;  ///< not_held: which body, and what to do
 };
 
 /// How far an equilibrium is polished.
@@ -78,8 +84,17 @@ enum class Polish {
 
 /// Static equilibrium u* = argmin_u Pi(u; p): Newton's method on the exact Hessian, projected or shifted only when its
 /// Cholesky factorisation fails, with a line search that survives the rounding floor; load stepping from the last
-/// equilibrium when the whole change is too much at once. Keeps the last equilibrium, its factorised exact Hessian and
-/// the symbolic analysis: the next solve starts from there. One object per thread.
+/// equilibrium when the whole change is too much at once.
+///
+/// An unstable equilibrium on the way (buckling) is left along its lowest mode, to the side of lower energy. Where both
+/// sides are alike the sign of a fixed average of the mode decides, so that all solves of a model fall to the same
+/// side. Where several modes are unstable, or the way from there leads to the other side, or rounding alone decided
+/// where a search ended (a push of 1e-7 of the size leads elsewhere), the load step is halved until the path meets the
+/// first one alone.
+///
+/// Bodies that no support holds (Model::loose_bodies()) have an equilibrium where cables or contact hold them in every
+/// direction: the Hessian is positive definite, rigid motions included. Keeps the last equilibrium, its factorised
+/// exact Hessian and the symbolic analysis: the next solve starts from there. One object per thread.
 class Equilibrium {
  public:
   /// The model has to outlive it; one of the starts comes before the first solve.
@@ -144,7 +159,20 @@ class Equilibrium {
   bool shorten(const Step& from, const Params& p, Eigen::VectorXd& u, Assembly& energy) const;
   NewtonResult minimise(Eigen::VectorXd& u, const Params& p);
   bool refine(Eigen::VectorXd& u, const Params& p, double largest_step);
+  Eigen::VectorXd lowest_mode(const Eigen::VectorXd& besides) const;
+  std::string heading(const Eigen::VectorXd& direction) const;
   bool leave_saddle(Eigen::VectorXd& u, const Params& p);
+  bool lost_its_way(const Eigen::VectorXd& u) const;
+  bool factorise_shifted(const Eigen::VectorXd& u, const Params& p, Assembly& out);
+  Eigen::VectorXd push() const;
+  double first_step() const;
+  bool search(Eigen::VectorXd& u, const Params& p);
+  bool accept(const Eigen::VectorXd& u, const Params& p, const Eigen::VectorXd& predicted, bool checked,
+              bool can_be_shorter);
+  bool goes_on_shorter(const Params& next, bool allowed);
+  bool goes_on_patiently(double& step, int& most_iterations);
+  bool drifted(const Eigen::VectorXd& u, const Eigen::VectorXd& start, const Params& p);
+  bool is_held(const Eigen::VectorXd& u, const Params& p);
   SolveStatus settle(Eigen::VectorXd& u, const Params& p);
   Eigen::VectorXd predicted_step(const Params& p, bool stiffness_by_reciprocal) const;
   Eigen::VectorXd predict(const Params& p) const;
@@ -169,6 +197,14 @@ class Equilibrium {
   bool has_factor_ = false;
   Polish polish_ = Polish::full;
   bool buckling_ = false;  ///< a saddle was left on the way to the equilibrium that is searched now
+  /// The saddle that was left last.
+  struct Saddle {
+    Eigen::VectorXd u, direction;  ///< where it was, and which way it was left
+    bool several = false;          ///< more than one mode was unstable
+  } saddle_;
+  int indefinite_ = 0;    ///< states of the last search whose Hessian was indefinite
+  bool patient_ = false;  ///< short load steps have failed where Hessians were indefinite
+  int probed_ = 0;        ///< factorisations that drifted() took since the last solve began
   SolveReport report_;
 };
 

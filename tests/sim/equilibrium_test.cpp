@@ -208,6 +208,50 @@ TEST(Equilibrium, AStraightColumnAboveItsEulerLoadBucklesOntoTheElastica) {
   EXPECT_NEAR(across.dot(straight.u()), 0.0, 1e-9 * L);
 }
 
+TEST(Equilibrium, ASymmetricColumnFallsToTheSameSideOntoTheElasticaAtEveryLoad) {
+  // The free end's place by load, from elliptic integrals (Timoshenko and Gere, table 2-1); at 4 and 9 times the Euler
+  // load one load step comes to a straight column that is unstable in several modes, or all but.
+  const double L = 0.2, H = 0.001, E = 1e6, t = 0.03,
+               euler = E * t * H * H * H / 12 * std::pow(3.14159265358979 / (2 * L), 2);
+  for (const bool upright : {false, true}) {
+    Mesh mesh = upright ? rectangle({0, H / 2, H}, graded(L, 60), 2, "column")
+                        : rectangle(graded(L, 60), {0, H / 2, H}, 2, "column");
+    SceneBuilder builder(std::move(mesh), Plane::strain, t);
+    builder.add_solid("column", "neo_hookean", {{"E", E}, {"nu", 0.0}});
+    const Eigen::VectorXd along = upright ? vec({0, -1}) : vec({-1, 0}), side = upright ? vec({1, 0}) : vec({0, 1});
+    const std::string end = upright ? "ymax" : "xmax";
+    builder.fix(upright ? "ymin" : "xmin", {0, 1});
+    const int force = builder.declare({"force", "F", "N", -1e6, 1e6, "load"}, 0.0);
+    builder.add_force(end, along, force);
+    const Eigen::VectorXd shortening = mean_weights(builder.mesh(), builder.mesh().select(end), along),
+                          across = mean_weights(builder.mesh(), builder.mesh().select(end), side);
+    const Scene scene = builder.build();
+    const double table[][3] = {
+        {1.0637, .8812, .4222}, {2.541, -.107, .750}, {4.029, -.340, .625}, {9.116, -.577, .421}};
+    for (const auto& [load, x, y] : table) {
+      Equilibrium equilibrium(*scene.model);
+      equilibrium.start_at_rest(scene.values);
+      Params p = scene.values;
+      p[force] = load * euler;
+      const SolveReport& report = equilibrium.solve(p);
+      ASSERT_EQ(report.status, SolveStatus::converged) << load << ": " << report.message();
+      EXPECT_EQ(report.side, upright ? "+x" : "+y") << report.message();
+      EXPECT_NEAR(1 - shortening.dot(equilibrium.u()) / L, x, 5e-3) << "P / P_cr = " << load;
+      EXPECT_NEAR(across.dot(equilibrium.u()) / L, y, 5e-3) << "P / P_cr = " << load;
+    }
+    for (double load : {14.0, 20.0, 33.0}) {
+      Equilibrium equilibrium(*scene.model);
+      equilibrium.start_at_rest(scene.values);
+      Params p = scene.values;
+      p[force] = load * euler;
+      const SolveReport& report = equilibrium.solve(p);
+      ASSERT_EQ(report.status, SolveStatus::converged) << load << ": " << report.message();
+      EXPECT_GT(across.dot(equilibrium.u()) / L, 0.1) << "P / P_cr = " << load;
+      EXPECT_GT(shortening.dot(equilibrium.u()) / L, 1.577) << "P / P_cr = " << load;
+    }
+  }
+}
+
 TEST(Equilibrium, TheStopFlagInterruptsAndKeepsTheLastState) {
   const Problem problem = problem_a1(4, 2);
   std::atomic<bool> stop = false;

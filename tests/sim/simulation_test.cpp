@@ -122,8 +122,8 @@ TEST(Simulate, AllIntegratorsComeToTheSameTrajectory) {
 TEST(Simulate, AStaticRunIsASequenceOfEquilibria) {
   std::string toml =
       replaced(without_net_force(robot_toml), "integrator = \"implicit_euler\"", "integrator = \"static\"");
-  // A free body has no equilibrium.
-  expect_input_error([&] { run(toml); }, {"rigid motions free"});
+  // A free body has no equilibrium; on a ground without friction neither.
+  expect_input_error([&] { run(toml); }, {"body 'block'", "rigid motions free", "add a support"});
   toml = replaced(toml, "at = [\"20 mm\", \"-38 mm\"]\nvelocity = [\"0 m/s\", \"-0.5 m/s\"]",
                   "at = [\"20 mm\", \"-38 mm\"]\nclamped = [\"ymin\"]");
   const Finished r = run(toml);
@@ -151,6 +151,109 @@ TEST(Simulate, AStaticRunReadsReactionsAndLengthsOfCables) {
   EXPECT_NEAR(channel(r, "foot").back(), 1000 * 0.008 * 0.008 * 0.02 * 9.81, 1e-7) << "the block's weight";
   ASSERT_GT(channel(r, "tension").back(), 0.1);
   EXPECT_NEAR(channel(r, "path").back(), 0.06 - 0.003 + channel(r, "tension").back() / 2000, 1e-9);
+}
+
+/// A block of 8 x 6 mm in two cables up to the world.
+const char* const hung_block = R"(
+title = "A block in cables"
+[simulation]
+integrator = "static"
+duration = "1 s"
+step = "1 s"
+thickness = "20 mm"
+gravity = "9.81 m/s2"
+direction = [0, -1]
+[[body]]
+name = "block"
+geometry = { kind = "rectangle", size = ["8 mm", "6 mm"], region = "nylon" }
+mesh = { cells = [4, 3] }
+[materials.nylon]
+E = "2 GPa"
+nu = 0.3
+density = "1150 kg/m3"
+[[cable]]
+id = "left"
+body = "block"
+x = ["0 mm", "0 mm"]
+y = ["90 mm", "6 mm"]
+fixed = "start"
+k = "150 N/m"
+slack = "0 mm"
+[[cable]]
+id = "right"
+body = "block"
+x = ["8 mm", "8 mm"]
+y = ["90 mm", "6 mm"]
+fixed = "start"
+k = "150 N/m"
+slack = "0 mm"
+[[channel]]
+id = "y"
+kind = "displacement"
+of = "block"
+direction = [0, 1]
+[[channel]]
+id = "left_tension"
+kind = "tension"
+of = "left"
+[[channel]]
+id = "right_tension"
+kind = "tension"
+of = "right"
+)";
+
+TEST(Simulate, ABlockInTwoCablesHangsByItsWeightOverTheirStiffness) {
+  const double weight = 1150 * 9.81 * 0.02 * 0.008 * 0.006;
+  const Finished r = run(hung_block);
+  ASSERT_EQ(r.result.failure, "");
+  EXPECT_NEAR(channel(r, "y").back(), -weight / 300, 1e-8) << "nylon strains by 1e-7";
+  EXPECT_NEAR(channel(r, "left_tension").back(), weight / 2, 1e-6 * weight);
+  // With slack it falls until they are taut.
+  std::string slack = hung_block;
+  for (size_t at; (at = slack.find("\"0 mm\"\n[[")) != std::string::npos;) slack.replace(at, 6, "\"3 mm\"");
+  const Finished fallen = run(slack);
+  ASSERT_EQ(fallen.result.failure, "");
+  EXPECT_NEAR(channel(fallen, "y").back(), -0.003 - weight / 300, 1e-8);
+}
+
+TEST(Simulate, OneCableHoldsABlockInThePlaneAsAPendulum) {
+  std::string one = replaced(hung_block, "x = [\"0 mm\", \"0 mm\"]", "x = [\"4 mm\", \"4 mm\"]");
+  const size_t from = one.find("[[cable]]\nid = \"right\""), to = one.find("[[channel]]");
+  one.erase(from, to - from);
+  one.erase(one.find("[[channel]]\nid = \"right_tension\""));
+  const Finished r = run(one);
+  ASSERT_EQ(r.result.failure, "");
+  EXPECT_NEAR(channel(r, "left_tension").back(), 1150 * 9.81 * 0.02 * 0.008 * 0.006, 1e-8);
+}
+
+TEST(Simulate, SlackCablesHoldNothingWithoutWeight) {
+  std::string slack = replaced(hung_block, "gravity = \"9.81 m/s2\"\ndirection = [0, -1]\n", "");
+  for (size_t at; (at = slack.find("\"0 mm\"\n[[")) != std::string::npos;) slack.replace(at, 6, "\"3 mm\"");
+  expect_input_error([&] { run(slack); }, {"body 'block'", "rigid motions free", "add a support"});
+}
+
+TEST(Simulate, AGrooveHoldsAWedgeWithoutCablesAndOneGroundHoldsNoBlock) {
+  std::string block = hung_block;
+  block.erase(block.find("[[cable]]"), block.find("[[channel]]") - block.find("[[cable]]"));
+  block.erase(block.find("[[channel]]\nid = \"left_tension\""));
+  const std::string ground =
+      "[contact]\ngap = \"0.01 mm\"\n[[contact.ground]]\npoint = [\"0 mm\", \"-0.2 mm\"]\nnormal = [0, 1]\n";
+  expect_input_error([&] { run(block); },
+                     {"3 of 3 rigid motions free", "body 'block'", "hold it by cables or contact"});
+  expect_input_error([&] { run(block + ground); }, {"body 'block'", "rigid motions free"});
+  // A wedge in a groove of its own angle, 0.3 mm below.
+  std::string wedge = replaced(
+      block,
+      "geometry = { kind = \"rectangle\", size = [\"8 mm\", \"6 mm\"], region = \"nylon\" }\nmesh = { cells = [4, 3] }",
+      "geometry = { kind = \"polygons\", polygon = [{ region = \"nylon\", x = [\"0 mm\", \"8 mm\", \"-8 mm\"], y = "
+      "[\"0 mm\", "
+      "\"8 mm\", \"8 mm\"], edges = [\"\", \"\", \"\"] }] }\nmesh = { size = \"4 mm\" }");
+  const Finished r =
+      run(wedge +
+          "[contact]\ngap = \"0.01 mm\"\n[[contact.ground]]\npoint = [\"0 mm\", \"-0.3 mm\"]\nnormal = [1, 1]\n"
+          "[[contact.ground]]\npoint = [\"0 mm\", \"-0.3 mm\"]\nnormal = [-1, 1]\n");
+  ASSERT_EQ(r.result.failure, "");
+  EXPECT_NEAR(channel(r, "y").back(), -0.3e-3, 2e-5) << "within the contact gap";
 }
 
 struct Wrong {
