@@ -63,7 +63,16 @@ std::string Shown::with_unit(double value) const {
 }
 
 std::string Shown::interval(const ParameterEstimate& estimate) const {
-  const std::optional<double>&lower = estimate.lower95, &upper = estimate.upper95;
+  return interval(estimate, estimate.lower95, estimate.upper95);
+}
+
+std::string Shown::total(const ParameterEstimate& estimate) const {
+  if (!estimate.total_lower95 && !estimate.total_upper95) return "not asked for";
+  return interval(estimate, estimate.total_lower95, estimate.total_upper95);
+}
+
+std::string Shown::interval(const ParameterEstimate& estimate, const std::optional<double>& lower,
+                            const std::optional<double>& upper) const {
   if (!lower && !upper) return "open on both sides";
   // An end so near to zero that the common digits would leave nothing of it gets its own.
   const auto vanishes = [&](const std::optional<double>& end) {

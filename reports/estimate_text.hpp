@@ -32,6 +32,11 @@ struct Shown {
   std::string with_unit(double value) const;          ///< "271 kPa"
   /// The 95 % interval: "271.4 to 276.9 kPa", "open to 0.46".
   std::string interval(const ParameterEstimate& estimate) const;
+  std::string total(const ParameterEstimate& estimate) const;  ///< the interval in all; "not asked for"
+
+ private:
+  std::string interval(const ParameterEstimate& estimate, const std::optional<double>& lower,
+                       const std::optional<double>& upper) const;
 };
 
 }  // namespace taut

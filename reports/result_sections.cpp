@@ -48,11 +48,38 @@ std::string differences(const RunRecord& record, size_t p) {
 }
 
 /// "-0.41 ± 0.2 kPa".
-std::string share_of(const DiscretisationShare& share, size_t p, const Shown& shown) {
+std::string share_of(const Share& share, size_t p, const Shown& shown) {
   const std::string unit = shown.unit.name.empty() ? "" : " " + shown.unit.name;
-  const std::string bias = fmt::format("{:+.2g}", share.bias[p] / shown.unit.factor);
-  return std::isfinite(share.error[p]) ? fmt::format("{} ± {:.2g}{}", bias, share.error[p] / shown.unit.factor, unit)
-                                       : bias + unit;
+  const std::string bias = share.bias[p] == 0 ? "" : fmt::format("{:+.2g}", share.bias[p] / shown.unit.factor);
+  return std::isfinite(share.error[p])
+             ? fmt::format("{}± {:.2g}{}", bias.empty() ? "" : bias + " ", share.error[p] / shown.unit.factor, unit)
+             : bias + unit;
+}
+
+/// What was assumed, a row each: what it does to every parameter.
+std::string share_table(const RunRecord& record) {
+  if (record.shares.empty()) return "";
+  Cells header = {"What was assumed"};
+  for (const ParameterEstimate& estimate : record.fit.parameters) header.push_back("#" + estimate.spec.id);
+  header.insert(header.end(), {"Counts", "How"});
+  std::vector<Cells> rows;
+  const auto add = [&](const Share& share) {
+    Cells& row = rows.emplace_back();
+    row.push_back(share.source);
+    for (size_t p = 0; p < record.fit.parameters.size(); ++p)
+      row.push_back(std::isfinite(share.bias[p]) ? share_of(share, p, Shown(record.fit.parameters[p])) : "not known");
+    row.insert(row.end(), {share.counted ? "yes" : "no", share.how});
+  };
+  for (bool counted : {true, false}) {
+    for (const Share& share : record.shares) {
+      if (share.counted == counted) add(share);
+    }
+  }
+  return "<h2>What else is in the values</h2>\n" + table(header, rows) +
+         paragraph(
+             "Taking a share off gives what would have been found without it. Those that count are added to the "
+             "noise as root of squares, which makes the interval in all. What does not count is shown for a change "
+             "by 1 %: its tolerance is not stated; write it into the experiment, \"17.0 mm +- 0.1 mm\".");
 }
 
 std::string variant_table(const RunRecord& record) {
@@ -119,8 +146,10 @@ std::optional<Section> answer(const RunRecord& record) {
   }
   for (const ParameterEstimate& estimate : fit.parameters) {
     const Shown shown(estimate);
-    out += paragraph(fmt::format("{} = {}, 95 % interval {}, {}.", estimate.spec.id, shown.with_unit(estimate.value),
-                                 shown.interval(estimate), name_of(estimate.verdict)),
+    const bool in_all = estimate.total_lower95 || estimate.total_upper95;
+    out += paragraph(fmt::format("{} = {}, 95 % interval {}{}, {}.", estimate.spec.id, shown.with_unit(estimate.value),
+                                 in_all ? shown.total(estimate) : shown.interval(estimate),
+                                 in_all ? "" : " (noise alone)", name_of(estimate.verdict)),
                      "number");
   }
   if (can_judge(fit) && fits(fit)) {
@@ -138,12 +167,9 @@ std::optional<Section> answer(const RunRecord& record) {
 std::optional<Section> fitted_parameters(const RunRecord& record) {
   std::vector<Cells> rows;
   Cells header = {"Parameter", "Meaning", "#Value", "#Standard error"};
-  std::string explanations, shares;
-  for (const DiscretisationShare& share : record.shares) {
-    header.push_back("#" + share.source + " adds");
-    shares += paragraph(fmt::format("What the {} adds: {} ({:.1f} s).", share.source, share.how, share.seconds));
-  }
-  header.insert(header.end(), {"#95 % interval", "Verdict", "#Start", "#Allowed in the fit"});
+  std::string explanations;
+  header.insert(header.end(),
+                {"#95 % interval in all", "#95 % interval of the noise", "Verdict", "#Start", "#Allowed in the fit"});
   for (size_t p = 0; p < record.fit.parameters.size(); ++p) {
     const ParameterEstimate& estimate = record.fit.parameters[p];
     const Shown shown(estimate);
@@ -151,24 +177,18 @@ std::optional<Section> fitted_parameters(const RunRecord& record) {
     Cells& row = rows.emplace_back();
     row = {estimate.spec.id, estimate.spec.meaning, shown.with_unit(estimate.value),
            shown.with_unit(estimate.standard_error)};
-    for (const DiscretisationShare& share : record.shares)
-      row.push_back(std::isfinite(share.bias[p]) ? share_of(share, p, shown) : "not known");
     row.insert(row.end(),
-               {shown.interval(estimate), std::string(name_of(estimate.verdict)), with_unit(estimate.start, unit),
-                bound(estimate.lower, unit) + " to " + bound(estimate.upper, unit)});
+               {shown.total(estimate), shown.interval(estimate), std::string(name_of(estimate.verdict)),
+                with_unit(estimate.start, unit), bound(estimate.lower, unit) + " to " + bound(estimate.upper, unit)});
     if (!estimate.explanation.empty())
       explanations += fmt::format("<p><b>{}</b>: {}</p>\n", escaped(estimate.spec.id), escaped(estimate.explanation));
   }
-  if (!shares.empty())
-    shares = paragraph(
-                 "What mesh and contact gap add is part of the value as it stands: taking it off gives what elements "
-                 "without size, or faces without a gap, would have given.") +
-             shares;
   return Section{
-      "<h2>What was fitted</h2>\n" + table(header, rows) + explanations + shares +
+      "<h2>What was fitted</h2>\n" + table(header, rows) + explanations +
       paragraph("\"Open\" means that the readings set no limit on that side. Standard errors and intervals come from "
-                "the declared standard deviations of the readings alone; they know nothing of a wrong model, a wrong "
-                "length or a coarse mesh.")};
+                "the declared standard deviations of the readings alone; the interval in all adds what counts below. "
+                "Neither knows of a law that is wrong.") +
+      share_table(record)};
 }
 
 std::optional<Section> variants_and_references(const RunRecord& record) {

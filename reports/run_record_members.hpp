@@ -53,6 +53,8 @@ void describe(auto&& a, ParameterEstimate& estimate) {
   a("unit", estimate.spec.unit);
   a("standard_error", estimate.standard_error);
   a("interval95", std::tie(estimate.lower95, estimate.upper95));
+  if (a.there("total95", estimate.total_lower95 || estimate.total_upper95))
+    a("total95", std::tie(estimate.total_lower95, estimate.total_upper95));
   a("profile", estimate.profile);
   a("verdict", estimate.verdict);
   a("explanation", estimate.explanation);
@@ -100,12 +102,13 @@ void describe(auto&& a, SwingRecord& swing) {
   a("predicted_decay_per_s", swing.predicted_decay);
 }
 
-void describe(auto&& a, DiscretisationShare& share) {
+void describe(auto&& a, Share& share) {
   a("source", share.source);
   a("bias", share.bias);
   a("error", share.error);
   a("how", share.how);
   a("seconds", share.seconds);
+  if (a.there("counted")) a("counted", share.counted);
 }
 
 void describe(auto&& a, ReferenceRecord& reference) {

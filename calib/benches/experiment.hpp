@@ -9,13 +9,13 @@
 #include <vector>
 
 #include "calib/data/trials.hpp"
+#include "sim/files/toml_reader.hpp"
 #include "sim/scene/setup.hpp"
 #include "sim/solve/equilibrium.hpp"
 
 namespace taut {
 
 class Bench;
-class TableReader;
 struct Experiment;
 
 /// [fit.free.ID]: start and bounds as the file has them; what is left out comes from the model.
@@ -92,7 +92,10 @@ struct Experiment : Setup {
   std::string zero_offset_per;  ///< control id: the readings at each of its values share a zero error; "": none
   bool from_unloaded = false;
   bool all_profiles = false;  ///< profile likelihood for every free parameter, not only where the parabola fails
-  bool mesh_share = true;     ///< a fit says what the mesh and the contact gap add to each parameter; readings at rest
+  bool mesh_share = true;  ///< a fit says what each assumption adds to each parameter, mesh included; readings at rest
+  Tolerances tolerances;   ///< of dimensions and constants that are not fitted, by their places in the file
+  std::map<std::string, GivenValue>
+      control_tolerances;  ///< by the control's id: "0.5 %" of it, or an error of its zero
   std::optional<DiagnosticSettings> diagnostic;
   std::vector<FreeSettings> free;
   std::vector<VariantSettings> variants;

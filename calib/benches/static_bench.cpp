@@ -7,6 +7,7 @@
 #include <map>
 #include <set>
 
+#include "calib/benches/assumptions.hpp"
 #include "calib/benches/model.hpp"
 #include "calib/data/plausibility.hpp"
 #include "sim/core/error.hpp"
@@ -76,6 +77,8 @@ StaticBench::StaticBench(Experiment experiment, Trials trials)
       trials_(std::move(trials)),
       replay_(make_static_replay(experiment_, experiment_.mesh, trials_)),
       model_text_(experiment_.mesh.describe()) {
+  // Tolerances that mean nothing are wrong input, whatever is done with the bench.
+  assumptions_of(experiment_, replay_.protocol->parameters(), replay_.protocol->nominal(), dimensions_of(experiment_));
   find_axes();
   find_readings();
 }
@@ -285,6 +288,8 @@ Lines StaticBench::describe() const {
               {"geometry", geometry_text(e.geometry)},
               {"mesh", fmt::format("{}: {} nodes, {} elements, {} unknowns", e.mesh.describe(), mesh.node_count(),
                                    mesh.element_count(), unknowns())}};
+  if (!e.geometry.left_out.empty())
+    lines.emplace_back("not in the file", "dimensions as the kind has them: " + join(e.geometry.left_out));
   add_material_lines(e, lines);
   for (const SupportSettings& support : e.supports) lines.emplace_back("support " + support.on, support_text(support));
   for (auto& line : load_lines()) lines.push_back(std::move(line));
@@ -310,6 +315,11 @@ std::vector<std::string> StaticBench::warnings_before() const {
                     "formulation = \"locking_free\" with quadratic elements",
                     material.region, nu->second, e.mesh.order == 1 ? "linear" : "plain quadratic"));
   }
+  const std::vector<std::string>& left_out = e.geometry.left_out;
+  if (!e.cables.cables.empty() && std::ranges::find(left_out, "via_inset") != left_out.end())
+    warnings.emplace_back(
+        "[geometry] via_inset is not given, and sets how stiff the closed module is (from 0.25 to 3 mm by a factor of "
+        "ten): measure how far inside the lips' ends the cables are guided, and write it down");
   if (e.mesh.order == 1)
     warnings.emplace_back(
         "linear elements bend too stiffly: a fitted modulus is too small by some per cent; compare with element = "

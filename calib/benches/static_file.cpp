@@ -36,6 +36,13 @@ void read_readings(TableReader& root, Experiment& experiment) {
                                               "\"displacement\", or leave this out",
                                               channel.id, kind.name));
   }
+  if (auto tolerances = table.optional_table("tolerance")) {
+    for (const BenchFormat::Control& control : bench.controls) {
+      if (auto given = tolerances->optional_given(control.id))
+        experiment.control_tolerances.emplace(control.id, *std::move(given));
+    }
+    tolerances->finish();
+  }
   table.finish();
   for (const BenchFormat::Channel& channel : bench.channels) {
     if (channel.column.empty() == bench.channel_column.empty()) {

@@ -282,4 +282,54 @@ Prediction StaticProtocol::predict(const Params& p, const std::vector<int>& free
   return prediction;
 }
 
+/// du of a condition's equilibrium, one column per pair of neighbours.
+Eigen::MatrixXd StaticProtocol::change_between(const std::vector<Neighbours>& neighbours, const Condition& condition,
+                                               Equilibrium& equilibrium) const {
+  equilibrium.start_at(condition.u, condition.p);
+  equilibrium.solve(condition.p, Polish::full);  // factorises where it stands
+  const Point at{condition.u, condition.p};
+  const auto gradient = [&](const StaticProtocol& protocol) {
+    Eigen::VectorXd g;
+    Assembly out;
+    out.gradient = &g;
+    protocol.scene_.model->evaluate(at, out);
+    return g;
+  };
+  Eigen::MatrixXd pull(condition.u.size(), static_cast<Eigen::Index>(neighbours.size()));
+  for (size_t k = 0; k < neighbours.size(); ++k) {
+    const Neighbours& n = neighbours[k];
+    pull.col(static_cast<Eigen::Index>(k)) = (gradient(*n.less) - gradient(*n.more)) / n.apart;
+  }
+  return equilibrium.solve_linear(pull);
+}
+
+Eigen::MatrixXd StaticProtocol::derivatives_between(const std::vector<Neighbours>& neighbours) {
+  std::vector<Eigen::MatrixXd> change(conditions_.size());
+  in_parallel(paths_.size(), options_.threads, [&](size_t i) {
+    if (!paths_[i].equilibrium)
+      paths_[i].equilibrium = std::make_unique<Equilibrium>(*scene_.model, options_.equilibrium);
+    for (int c : paths_[i].conditions) {
+      const auto condition = static_cast<size_t>(c);
+      change[condition] = change_between(neighbours, conditions_[condition], *paths_[i].equilibrium);
+    }
+  });
+  Eigen::MatrixXd derivatives(row_count(), static_cast<Eigen::Index>(neighbours.size()));
+  for (Eigen::Index r = 0; r < derivatives.rows(); ++r) {
+    const auto channel = static_cast<size_t>(rows_[static_cast<size_t>(r)].channel);
+    const auto along = [&](int c, size_t k) {
+      const Condition& condition = conditions_[static_cast<size_t>(c)];
+      const Point at{condition.u, condition.p};
+      const auto value = [&](const StaticProtocol& protocol) { return protocol.channels_[channel].channel->value(at); };
+      return channels_[channel].channel->gradient(at).dot(
+                 change[static_cast<size_t>(c)].col(static_cast<Eigen::Index>(k))) +
+             (value(*neighbours[k].more) - value(*neighbours[k].less)) / neighbours[k].apart;
+    };
+    const int condition = condition_of_row_[static_cast<size_t>(r)];
+    const int unloaded = conditions_[static_cast<size_t>(condition)].unloaded;
+    for (size_t k = 0; k < neighbours.size(); ++k)
+      derivatives(r, static_cast<Eigen::Index>(k)) = along(condition, k) - (unloaded < 0 ? 0 : along(unloaded, k));
+  }
+  return derivatives;
+}
+
 }  // namespace taut

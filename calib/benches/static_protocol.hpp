@@ -55,6 +55,17 @@ class StaticProtocol final : public Protocol {
   void begin_search() override { polish_ = Polish::search; }
   void end_search() override { polish_ = Polish::full; }
 
+  /// The same rows with a number that is no parameter of the model (a dimension) on either side of its value here. The
+  /// models have the same unknowns and parameters.
+  struct Neighbours {
+    const StaticProtocol *less, *more;
+    double apart = 0;  ///< of that number, SI
+  };
+  /// Derivatives of all rows with respect to such numbers, at the states of the last prediction, which was complete:
+  /// with g the gradient of the energy and c a channel, dc/du (-H^-1 dg) + dc, where dg and dc are central differences
+  /// at fixed u. Shape (rows, neighbours).
+  Eigen::MatrixXd derivatives_between(const std::vector<Neighbours>& neighbours);
+
   const Scene& scene() const { return scene_; }                            ///< the model with its nominal values
   const std::vector<StaticRow>& rows() const { return rows_; }             ///< as they were given
   const std::vector<int>& controls() const { return controls_; }           ///< table indices of what rows set
@@ -97,6 +108,8 @@ class StaticProtocol final : public Protocol {
   Eigen::VectorXd predicted_change(const Condition& condition, const Params& to) const;
   void read_row(Eigen::Index r, const Params& p, const std::vector<int>& free, Prediction& prediction) const;
   std::string describe_parameters(const Params& p) const;
+  Eigen::MatrixXd change_between(const std::vector<Neighbours>& neighbours, const Condition& condition,
+                                 Equilibrium& equilibrium) const;
 
   Scene scene_;
   std::vector<NamedChannel> channels_;

@@ -346,6 +346,10 @@ Experiment read_with_readings(const std::string& path, std::string readings) {
     throw;
   }
   root.finish();
+  experiment.tolerances = file.tolerances();
+  if (!experiment.kind->at_rest && !experiment.tolerances.empty())
+    throw InputError(experiment.tolerances.begin()->second.where +
+                     ": a tolerance counts in fits of readings at rest only; give the value alone");
   return experiment;
 }
 

@@ -49,7 +49,9 @@ struct ParameterEstimate {
   double start = 0, lower = 0, upper = 0;  ///< as the fit was given them, SI
   double value = 0;                        ///< SI
   double standard_error = 0;  ///< SI, first order, from the noise alone; NaN when the readings do not define it
-  std::optional<double> lower95, upper95;  ///< 95 % interval, SI; empty: open on that side
+  std::optional<double> lower95, upper95;  ///< 95 % interval of the noise, SI; empty: open on that side
+  /// 95 % interval of noise and all shares that count (total_interval()), SI; empty: open, or not asked for.
+  std::optional<double> total_lower95, total_upper95;
   /// Profile likelihood where it was searched: (value [SI], rise of chi squared minimised over all others), ascending.
   std::vector<std::pair<double, double>> profile;
   Verdict verdict = Verdict::unknown;

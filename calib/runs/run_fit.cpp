@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 
 #include "sim/core/error.hpp"
 #include "sim/core/numbers.hpp"
@@ -136,7 +137,7 @@ class Run {
       record_.swings = bench_.swings(record_.fit.predicted);
       if (bench_.one_model()) stage("drawing curves", [&] { add_curves(bench_, record_.fit, free_, "curves"); });
       stage("drawing shapes", [&] { draw(); });
-      if (shares_wanted()) stage("the shares of mesh and contact gap", [&] { find_shares(); });
+      if (shares_wanted()) stage("the shares of what was assumed", [&] { find_shares(); });
       if (bench_.experiment().diagnostic && bench_.one_model()) diagnose();
     }
     if (!bench_.one_model())
@@ -182,9 +183,19 @@ class Run {
   }
 
   void find_shares() {
-    std::vector<DiscretisationShare> shares = discretisation_shares(bench_.experiment(), *bench_.trials_at_rest(),
-                                                                    record_.fit, events_.show, asking("share"));
-    if (!stopped()) record_.shares = std::move(shares);
+    const Experiment& experiment = bench_.experiment();
+    const Trials& trials = *bench_.trials_at_rest();
+    const Ask ask = asking("share");
+    std::vector<Share> shares = discretisation_shares(experiment, trials, record_.fit, events_.show, ask);
+    for (Share& share : assumption_shares(experiment, trials, record_.fit, events_.show, ask))
+      shares.push_back(std::move(share));
+    if (stopped()) return;
+    for (size_t j = 0; j < record_.fit.parameters.size(); ++j) {
+      ParameterEstimate& estimate = record_.fit.parameters[j];
+      const TotalInterval total = total_interval(estimate, shares, j);
+      std::tie(estimate.total_lower95, estimate.total_upper95) = std::tie(total.lower, total.upper);
+    }
+    record_.shares = std::move(shares);
   }
 
   /// Fits one parameter to the readings of each value of a control alone, from the whole fit's result: values that

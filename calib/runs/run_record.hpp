@@ -7,7 +7,7 @@
 #include "calib/benches/bench.hpp"
 #include "calib/fit/fit.hpp"
 #include "calib/runs/shapes.hpp"
-#include "calib/studies/discretisation.hpp"
+#include "calib/studies/assumption_shares.hpp"
 
 namespace taut {
 
@@ -78,8 +78,8 @@ struct RunRecord {
   std::vector<double> load_newtons;        ///< per reading: the load as a force [N]
   std::vector<std::string> series;         ///< per reading: as CurveRecord::series
   std::vector<std::string> parameter_ids;  ///< of fit.p, in its order
-  FitResult fit;  ///< fit.parameters, statistics; fit.predicted etc. are per protocol row and not stored
-  std::vector<DiscretisationShare> shares;  ///< of mesh and contact gap in fit.parameters; empty: not asked for
+  FitResult fit;              ///< fit.parameters, statistics; fit.predicted etc. are per protocol row and not stored
+  std::vector<Share> shares;  ///< of what was assumed in fit.parameters; empty: not asked for
   std::vector<ReadingRecord> readings;
   std::vector<CurveRecord> curves;
   std::vector<ShapeRecord> shapes;

@@ -5,8 +5,10 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <optional>
 
 #include "calib/benches/bench.hpp"
+#include "calib/benches/model.hpp"
 #include "calib/fit/goodness_of_fit.hpp"
 #include "sim/core/dense.hpp"
 #include "sim/core/error.hpp"
@@ -79,14 +81,14 @@ struct Fitted {
     std::vector<FreeParameter> free;
     for (const ParameterEstimate& e : fit.parameters)
       free.push_back({table.index(e.spec.id), e.value, e.lower, e.upper});
-    Params p = fit.p;
-    if (experiment.contact.on) p[table.index("contact_gap")] = protocol.nominal()[table.index("contact_gap")];
+    Params p = protocol.nominal();  // by ids: a solid has no thickness among its parameters
+    for (const FreeParameter& parameter : free) p[parameter.index] = parameter.start;
     const Prediction prediction = ask ? ask(protocol, p, indices_of(free)) : protocol.predict(p, indices_of(free));
     if (!prediction.complete()) return {{}, prediction.failures.front()};
     return {gauss_newton_step(prediction, bench.measurements, table, p, free), ""};
   }
 
-  DiscretisationShare mesh_share(const Shift& own) const {
+  Share mesh_share(const Shift& own) const {
     const std::vector<Level> levels = levels_of(experiment);
     const Eigen::VectorXd sd = fit.covariance.diagonal().cwiseSqrt();
     Eigen::MatrixXd steps = Eigen::MatrixXd::Zero(sd.size(), static_cast<Eigen::Index>(levels.size()));
@@ -115,7 +117,7 @@ struct Fitted {
     return known(limit.limit.cwiseProduct(sd), limit.error.cwiseProduct(sd), how);
   }
 
-  DiscretisationShare gap_share(const Shift& own) const {
+  Share gap_share(const Shift& own) const {
     MeshSettings half = experiment.mesh;
     half.contact_gap = 0.5 * contact_gap(experiment.mesh, make_mesh(experiment, experiment.mesh).diagonal());
     const Shift shift = shift_with(half, "the contact gap's share");
@@ -127,9 +129,30 @@ struct Fitted {
                     with_unit(half.contact_gap, "m")));
   }
 
+  /// What a section in plane strain leaves out: it is neither free to bulge at its faces nor loaded at points.
+  Share section_share() const {
+    std::optional<MeshSettings> coarse;
+    MeshSettings solid;
+    for (double factor : {1.0, 0.7, 0.5, 0.35, 0.25}) {
+      const MeshSettings plane = refined(experiment.mesh, experiment.geometry, factor);
+      solid = deepened(experiment, plane);
+      if (make_mesh(experiment, solid).X.size() > 16000 && factor > 0.25) continue;
+      coarse = plane;
+      break;
+    }
+    const Shift flat = shift_with(*coarse, "the plane section's share: " + coarse->describe());
+    if (!flat.failure.empty()) return unknown(coarse->describe() + ": " + flat.failure);
+    const Shift deep = shift_with(solid, "the plane section's share: " + solid.describe());
+    if (!deep.failure.empty()) return unknown(solid.describe() + ": " + deep.failure);
+    const Eigen::VectorXd step = deep.step - flat.step;
+    return known(step, step.cwiseAbs() / 3,
+                 fmt::format("one Gauss-Newton step at the optimum with a solid ({}) against the same section",
+                             solid.describe()));
+  }
+
   /// A share from where the fit would end in the limit and the error of that, on the fitted scale.
-  DiscretisationShare known(const Eigen::VectorXd& limit, const Eigen::VectorXd& error, const std::string& how) const {
-    DiscretisationShare share;
+  Share known(const Eigen::VectorXd& limit, const Eigen::VectorXd& error, const std::string& how) const {
+    Share share;
     for (size_t j = 0; j < fit.parameters.size(); ++j) {
       const ParameterEstimate& e = fit.parameters[j];
       const double shift = limit[static_cast<Eigen::Index>(j)], by = error[static_cast<Eigen::Index>(j)];
@@ -140,11 +163,23 @@ struct Fitted {
     return share;
   }
 
-  DiscretisationShare unknown(const std::string& why) const {
+  Share unknown(const std::string& why) const {
     const std::vector<double> none(fit.parameters.size(), not_a_number);
     return {"", none, none, why};
   }
 };
+
+/// Whether the experiment is a plane section in place of a solid that can be modelled too.
+bool may_be_deepened(const Experiment& experiment) {
+  if (experiment.geometry.dimension != 2 || experiment.geometry.plane != Plane::strain) return false;
+  if (std::ranges::find(experiment.free, "thickness", &FreeSettings::id) != experiment.free.end()) return false;
+  try {
+    as_solid(experiment, deepened(experiment, experiment.mesh).depth_cells);
+  } catch (const InputError&) {
+    return false;
+  }
+  return experiment.mesh.depth_cells == 0;
+}
 
 }  // namespace
 
@@ -255,11 +290,13 @@ Eigen::VectorXd gauss_newton_step(const Prediction& prediction, const std::vecto
   return d;
 }
 
-std::string describe(const DiscretisationShare& share, const ParameterEstimate& estimate, size_t j) {
+std::string describe(const Share& share, const ParameterEstimate& estimate, size_t j) {
   if (!std::isfinite(share.bias[j]))
     return fmt::format("what the {} adds to it is not known: {}", share.source, share.how);
   const DisplayUnit unit = display_unit(estimate.value, estimate.spec.unit);
   const std::string name = unit.name == "1" || unit.name.empty() ? "" : " " + unit.name;
+  if (share.bias[j] == 0)
+    return fmt::format("{} adds +- {:.2g}{} ({})", share.source, share.error[j] / unit.factor, name, share.how);
   const std::string bias =
       fmt::format("the {} makes it {:.2g}{} too {}", share.source, std::abs(share.bias[j]) / unit.factor, name,
                   share.bias[j] < 0 ? "small" : "large");
@@ -267,24 +304,23 @@ std::string describe(const DiscretisationShare& share, const ParameterEstimate& 
   return bias + fmt::format(", +- {:.2g}{}", share.error[j] / unit.factor, name);
 }
 
-std::vector<DiscretisationShare> discretisation_shares(const Experiment& experiment, const Trials& trials,
-                                                       const FitResult& fit,
-                                                       const std::function<void(const std::string&)>& progress,
-                                                       const Ask& ask) {
-  std::vector<DiscretisationShare> shares;
+std::vector<Share> discretisation_shares(const Experiment& experiment, const Trials& trials, const FitResult& fit,
+                                         const std::function<void(const std::string&)>& progress, const Ask& ask) {
+  std::vector<Share> shares;
   if (fit.covariance.size() == 0) return shares;
   // Where the fit stopped short of its own optimum is nobody's share.
   const Fitted fitted{experiment, trials, fit, progress, ask};
   const Shift own = fitted.shift_with(experiment.mesh, "the fit's own next step");
   if (!own.failure.empty()) return shares;
-  const auto add = [&](const char* source, DiscretisationShare (Fitted::*share_of)(const Shift&) const) {
+  const auto add = [&](const char* source, auto&& share_of) {
     const Stopwatch watch;
-    DiscretisationShare& share = shares.emplace_back((fitted.*share_of)(own));
+    Share& share = shares.emplace_back(share_of());
     share.source = source;
     share.seconds = watch.seconds();
   };
-  add("mesh", &Fitted::mesh_share);
-  if (experiment.contact.on) add("contact gap", &Fitted::gap_share);
+  add("mesh", [&] { return fitted.mesh_share(own); });
+  if (experiment.contact.on) add("contact gap", [&] { return fitted.gap_share(own); });
+  if (may_be_deepened(experiment)) add("plane section", [&] { return fitted.section_share(); });
   return shares;
 }
 

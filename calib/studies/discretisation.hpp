@@ -42,32 +42,36 @@ Extrapolation extrapolate(const std::vector<double>& h, const Eigen::MatrixXd& v
 Eigen::VectorXd gauss_newton_step(const Prediction& prediction, const std::vector<Measurement>& measurements,
                                   const ParameterTable& table, const Params& p, const std::vector<FreeParameter>& free);
 
-/// How much of each fitted parameter is a matter of how the specimen was cut into elements, or of the contact gap.
-struct DiscretisationShare {
-  std::string source;         ///< "mesh", "contact gap"
+/// How much of each fitted parameter is a matter of something that is not noise: how the specimen was cut into
+/// elements, a plane model, a number that was taken for granted.
+struct Share {
+  std::string source;         ///< "mesh", "contact gap", "plane section", "gap_total", "scale of mass"
   std::vector<double> bias;   ///< per free parameter, SI: as fitted, less what it would be without; NaN: not known
   std::vector<double> error;  ///< of the bias, SI
-  std::string how;            ///< one sentence: from which meshes, or why it is not known
+  std::string how;            ///< one sentence: from which meshes or tolerance, or why it is not known
   double seconds = 0;
+  bool counted = true;  ///< in the total; not: nobody knows the tolerance, `error` is what 1 % would do
 };
 
-/// "the mesh makes it 0.4 kPa too large, +- 0.2 kPa": the share's part in its j-th parameter, `estimate`.
-std::string describe(const DiscretisationShare& share, const ParameterEstimate& estimate, size_t j);
+/// "the mesh makes it 0.4 kPa too large, +- 0.2 kPa", "gap_total adds +- 0.2 kPa": the share's part in its j-th
+/// parameter, `estimate`.
+std::string describe(const Share& share, const ParameterEstimate& estimate, size_t j);
 
-/// The shares of mesh and contact gap in a fit of readings at rest. Models that are refined predict all readings at the
-/// optimum, with derivatives, and gauss_newton_step() from there, less that of the fit's own model, tells where their
-/// fit would end; nothing is fitted again.
+/// The shares of mesh, contact gap and plane section in a fit of readings at rest. Models that are refined predict all
+/// readings at the optimum, with derivatives, and gauss_newton_step() from there, less that of the fit's own model,
+/// tells where their fit would end; nothing is fitted again.
 ///
 /// Mesh: the finest three of most_accurate() meshes with sizes r^-2 ... r^2 times the fit's own, r = 2 in 2D and 1.45
 /// in 3D, that have at most 150 000 unknowns in 2D and 40 000 in 3D; then extrapolate() with orders up to 2, what
 /// clamped corners leave of quadratic elements' 4. Contact gap: half of it, then linearly to none, with half of the
-/// bias as error (the stand-off of closed faces is proportional to the gap).
+/// bias as error (the stand-off of closed faces is proportional to the gap). Plane section: a coarse solid of the
+/// section's thickness against the same coarse section, with a third of the bias as error; not for plane stress nor
+/// where deepened() or as_solid() has none.
 ///
 /// `fit` has a result (a covariance); `experiment` and `trials` are those it was made with. A failed simulation makes
 /// the share unknown. `progress` is told what comes next; `ask`, where it is given, is how predictions are had.
-std::vector<DiscretisationShare> discretisation_shares(const Experiment& experiment, const Trials& trials,
-                                                       const FitResult& fit,
-                                                       const std::function<void(const std::string&)>& progress = {},
-                                                       const Ask& ask = {});
+std::vector<Share> discretisation_shares(const Experiment& experiment, const Trials& trials, const FitResult& fit,
+                                         const std::function<void(const std::string&)>& progress = {},
+                                         const Ask& ask = {});
 
 }  // namespace taut

@@ -37,4 +37,7 @@ int chart_accuracy(const CommandOptions& options);
 /// `taut chart stability EXPERIMENT`.
 int chart_stability(const CommandOptions& options);
 
+/// Plants benches about a push_puppet experiment, fits them, and says how often intervals hold the truth.
+int chart_planted(const CommandOptions& options);
+
 }  // namespace taut

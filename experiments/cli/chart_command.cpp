@@ -25,7 +25,8 @@ std::vector<std::string> files_of(const Simulation& simulation) {
 
 /// What is drawn, by the name of the chart.
 const std::vector<std::pair<std::string, int (*)(const CommandOptions&)>> charts{{"accuracy", chart_accuracy},
-                                                                                 {"stability", chart_stability}};
+                                                                                 {"stability", chart_stability},
+                                                                                 {"planted", chart_planted}};
 
 int chart_main(const CommandOptions& options) {
   if (!(options.budget >= 0 && options.budget < 1e9))
@@ -88,9 +89,9 @@ int close_chart(const CommandOptions& options, size_t missing, size_t all, Progr
 
 Command chart_command() {
   return {"chart",
-          "accuracy|stability FILE",
-          "Charts error against cost over meshes, elements and solver settings (accuracy), or where methods fail "
-          "(stability).",
+          "accuracy|stability|planted FILE",
+          "Charts error against cost over meshes, elements and solver settings (accuracy), where methods fail "
+          "(stability), or how often fits of modules with a known truth find it (planted).",
           "  taut chart accuracy experiments/silicone_block/experiment.toml --budget 300\n"
           "  taut chart stability experiments/push_puppet/experiment.toml\n",
           add_chart_options,

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <nlohmann/json.hpp>
 
 #include "reports/axes.hpp"
@@ -26,11 +27,29 @@ std::string beside(double value, double error, std::string_view si_unit) {
   return bare_beside(value, error, si_unit) + (unit.name == "1" ? "" : " " + unit.name);
 }
 
-std::string interval_text(const ParameterEstimate& e) {
+std::string interval_text(const ParameterEstimate& e, const std::optional<double>& lower,
+                          const std::optional<double>& upper) {
   auto end = [&](const std::optional<double>& value) {
     return value ? with_unit(*value, e.spec.unit) : std::string("open");
   };
-  return fmt::format("{} to {}", end(e.lower95), end(e.upper95));
+  return fmt::format("{} to {}", end(lower), end(upper));
+}
+
+/// Numbers whose tolerance nobody stated, with what 1 % of each does to the j-th parameter; the largest first, none
+/// that is small beside the noise.
+std::string unstated_text(const RunRecord& record, size_t j) {
+  const ParameterEstimate& e = record.fit.parameters[j];
+  std::vector<const Share*> shares;
+  for (const Share& share : record.shares) {
+    if (!share.counted && share.error[j] > 0.1 * e.standard_error) shares.push_back(&share);
+  }
+  std::ranges::sort(shares, std::greater(), [&](const Share* share) { return share->error[j]; });
+  std::string text;
+  for (size_t k = 0; k < shares.size() && k < 6; ++k)
+    text += fmt::format("{}{} {}", k == 0 ? "" : ", ", shares[k]->source,
+                        beside(e.value, shares[k]->error[j], e.spec.unit));
+  if (shares.size() > 6) text += fmt::format(" and {} more", shares.size() - 6);
+  return text.empty() ? "" : "  not counted, for 1 % of each, since no tolerance is stated: " + text + "\n";
 }
 
 void print_parameter(const RunRecord& record, size_t j) {
@@ -40,16 +59,21 @@ void print_parameter(const RunRecord& record, size_t j) {
     return;
   }
   std::string shares, biases;
-  for (const DiscretisationShare& share : record.shares) {
+  for (const Share& share : record.shares) {
     const double most = std::abs(share.bias[j]) + (std::isfinite(share.error[j]) ? share.error[j] : 0);
+    if (!share.counted && std::isfinite(most)) continue;
     shares += fmt::format(" +- {} ({})", std::isfinite(most) ? bare_beside(e.value, most, e.spec.unit) : "unknown",
                           share.source);
     biases += fmt::format("  {}\n", describe(share, e, j));
   }
-  fmt::print("{} = {} +- {} (noise){}, 95 % interval of the noise {}: {}\n  {}\n{}", e.spec.id,
-             with_unit(e.value, e.spec.unit),
+  const std::string total =
+      e.total_lower95 || e.total_upper95
+          ? fmt::format("95 % interval {} in all, ", interval_text(e, e.total_lower95, e.total_upper95))
+          : "95 % interval ";
+  fmt::print("{} = {} +- {} (noise){}, {}{} of the noise: {}\n  {}\n{}{}", e.spec.id, with_unit(e.value, e.spec.unit),
              std::isfinite(e.standard_error) ? bare_beside(e.value, e.standard_error, e.spec.unit) : "unknown", shares,
-             interval_text(e), name_of(e.verdict), e.explanation, biases);
+             total, interval_text(e, e.lower95, e.upper95), name_of(e.verdict), e.explanation, biases,
+             unstated_text(record, j));
 }
 
 void print_goodness(const FitResult& fit) {

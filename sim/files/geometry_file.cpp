@@ -111,14 +111,16 @@ GeometrySettings read_geometry(TableReader table, const std::string& path, const
   kinds.insert(kinds.end(), others.begin(), others.end());
   const std::string kind = table.choice("kind", kinds);
   std::shared_ptr<Shape> shape = make_shape(kind);
-  for (const ShapeKey& key : shape->keys())
+  GeometrySettings geometry;
+  for (const ShapeKey& key : shape->keys()) {
     std::visit(KeyReader{table, key, path, static_cast<size_t>(shape->dimension())}, key.value);
+    if (std::holds_alternative<double*>(key.value) && !table.has(key.key)) geometry.left_out.emplace_back(key.key);
+  }
   try {
     shape->check();
   } catch (const InputError& error) {
     table.fail("", error.what());
   }
-  GeometrySettings geometry;
   geometry.dimension = shape->dimension();
   geometry.shape = std::move(shape);
   if (geometry.dimension == 2 && own_plane) read_plane(table, geometry.thickness, geometry.plane);

@@ -372,6 +372,9 @@ Simulation read_simulation(const std::string& path) {
     throw;
   }
   root.finish();
+  if (!file.tolerances().empty())
+    throw InputError(file.tolerances().begin()->second.where +
+                     ": a tolerance counts in the fit of a bench only; give the value alone");
   return simulation;
 }
 

@@ -4,6 +4,7 @@
 #include <toml++/toml.h>
 
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -36,8 +37,20 @@ struct TableReader::Nodes {
     return *array;
   }
 
-  static double quantity(const TableReader& reader, const toml::node& node, std::string_view key, Quantity quantity) {
-    if (const auto value = node.value_exact<std::string>()) return parse_quantity(*value, quantity, reader.where(key));
+  /// `entry`: where in a list, from 1; 0: it is none.
+  static double quantity(const TableReader& reader, const toml::node& node, std::string_view key, Quantity quantity,
+                         size_t entry = 0) {
+    if (const auto text = node.value_exact<std::string>()) {
+      const std::string where = reader.where(key);
+      const auto [number, tolerance] = split_tolerance(*text);
+      const double value = parse_quantity(number, quantity, where);
+      if (!tolerance.empty()) {
+        const std::string place =
+            fmt::format("{}.{}{}", reader.name_, key, entry == 0 ? "" : fmt::format(".{}", entry));
+        (*reader.tolerances_)[place] = {half_width(tolerance, value, quantity, where), where};
+      }
+      return value;
+    }
     if (quantity == Quantity::pure && node.is_number()) {
       const double value = *node.value<double>();
       if (std::isfinite(value)) return value;
@@ -46,6 +59,25 @@ struct TableReader::Nodes {
     if (quantity == Quantity::pure) reader.fail(key, "a number belongs here");
     reader.fail(key, fmt::format("a {} in quotes with its unit belongs here, for example \"1 {}\"; units: {}",
                                  name_of(quantity), units_of(quantity).front(), join(units_of(quantity))));
+  }
+
+  /// What stands before and behind "+-" or its sign; "" where there is none.
+  static std::pair<std::string, std::string> split_tolerance(const std::string& text) {
+    for (const std::string_view sign : {"+-", "+/-", "\u00b1"}) {
+      if (const size_t at = text.find(sign); at != std::string::npos)
+        return {text.substr(0, at), text.substr(at + sign.size())};
+    }
+    return {text, ""};
+  }
+
+  static double half_width(std::string_view text, double value, Quantity quantity, const std::string& where) {
+    const bool relative = text.find('%') != std::string_view::npos && quantity != Quantity::pure;
+    const double width = relative ? parse_quantity(text, Quantity::pure, where) * std::abs(value)
+                                  : parse_quantity(text, quantity, where);
+    if (!(width > 0))
+      throw InputError(
+          fmt::format("{}: the tolerance behind +- must be positive; leave it out where it is not known", where));
+    return width;
   }
 };
 
@@ -71,7 +103,7 @@ TomlFile::TomlFile(const std::string& path) : path_(path) {
 TomlFile::~TomlFile() = default;
 
 TableReader TomlFile::root() const {
-  return {document_.get(), path_, ""};
+  return {document_.get(), path_, "", tolerances_};
 }
 
 bool TomlFile::has(std::string_view key) const {
@@ -172,7 +204,7 @@ std::optional<double> TableReader::optional_positive(std::string_view key, Quant
 std::vector<double> TableReader::quantities(std::string_view key, Quantity quantity, size_t count) {
   std::vector<double> values;
   for (const toml::node& node : Nodes::array(*this, key, count))
-    values.push_back(Nodes::quantity(*this, node, key, quantity));
+    values.push_back(Nodes::quantity(*this, node, key, quantity, values.size() + 1));
   return values;
 }
 
@@ -214,7 +246,7 @@ TableReader TableReader::table(std::string_view key) {
   if (node == nullptr)
     fail("", fmt::format("the table [{}{}{}] is missing; add it", name_, name_.empty() ? "" : ".", key));
   if (!node->is_table()) fail(key, fmt::format("a table [{}] belongs here", key));
-  return {node->as_table(), file_, name_.empty() ? std::string(key) : name_ + "." + std::string(key)};
+  return {node->as_table(), file_, name_.empty() ? std::string(key) : name_ + "." + std::string(key), tolerances_};
 }
 
 std::optional<TableReader> TableReader::optional_table(std::string_view key) {
@@ -239,7 +271,7 @@ std::vector<TableReader> TableReader::tables(std::string_view key) {
   const toml::array* array = node->as_array();
   if (array == nullptr || !array->is_array_of_tables())
     fail(key, fmt::format("this is a list of tables; write [[{}]]", name));
-  for (const toml::node& element : *array) readers.push_back(TableReader(element.as_table(), file_, name));
+  for (const toml::node& element : *array) readers.push_back(TableReader(element.as_table(), file_, name, tolerances_));
   return readers;
 }
 

@@ -1,4 +1,5 @@
 #pragma once
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -12,6 +13,15 @@ namespace taut {
 
 class TableReader;
 
+/// What stands behind "+-" in a value, "17.0 mm +- 0.1 mm" or "17.0 mm +- 0.6 %": within that of it the true value lies
+/// (95 %).
+struct Tolerance {
+  double half_width = 0;  ///< in the SI unit of the value, > 0
+  std::string where;      ///< "file:line: [table] key", as messages begin
+};
+/// By their places, "geometry.gap_total", of lists "geometry.size.1".
+using Tolerances = std::map<std::string, Tolerance>;
+
 /// A parsed TOML file. Readers of its tables are valid as long as it lives.
 class TomlFile {
  public:
@@ -23,10 +33,13 @@ class TomlFile {
   /// The text at `key` of the table called `table`; "" when there is none. For asking what kind of file it is.
   std::string text_at(std::string_view table, std::string_view key) const;
   const std::string& remark() const { return remark_; }  ///< on bytes that are not UTF-8; "": there are none
+  /// Of all values that were read so far. Whoever reads a file says which of them mean something.
+  const Tolerances& tolerances() const { return *tolerances_; }
 
  private:
   std::string path_, remark_;
   std::shared_ptr<const void> document_;
+  std::shared_ptr<Tolerances> tolerances_ = std::make_shared<Tolerances>();
 };
 
 /// Reads one table of an experiment file. Every key that is asked for is known; finish() refuses all others with their
@@ -52,7 +65,7 @@ class TableReader {
   double number(std::string_view key);                            ///< required
   int integer(std::string_view key, int fallback, int smallest);  ///< at least `smallest`
   bool boolean(std::string_view key, bool fallback);              ///< true or false
-  /// "30 mm" as 0.030; a plain number only where the quantity is pure.
+  /// "30 mm" as 0.030; a plain number only where the quantity is pure. A tolerance behind it goes to the file's.
   double quantity(std::string_view key, Quantity quantity);
   /// A number or a text with a unit, as it stands: for values whose quantity is only known later.
   std::optional<GivenValue> optional_given(std::string_view key);
@@ -90,11 +103,12 @@ class TableReader {
  private:
   friend class TomlFile;
   struct Nodes;  ///< what needs the TOML library, in the source file
-  TableReader(const void* table, std::string file, std::string name)
-      : table_(table), file_(std::move(file)), name_(std::move(name)) {}
+  TableReader(const void* table, std::string file, std::string name, std::shared_ptr<Tolerances> tolerances)
+      : table_(table), file_(std::move(file)), name_(std::move(name)), tolerances_(std::move(tolerances)) {}
 
   const void* table_;  ///< a toml::table
   std::string file_, name_;
+  std::shared_ptr<Tolerances> tolerances_;
   std::vector<std::string> asked_;
 };
 

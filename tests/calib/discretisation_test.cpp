@@ -13,7 +13,7 @@ namespace {
 struct PoissonFit {
   static constexpr double planted = 0.3;
   FitResult fit;
-  std::vector<DiscretisationShare> shares;
+  std::vector<Share> shares;
 
   PoissonFit() {
     const TemporaryFolder folder;

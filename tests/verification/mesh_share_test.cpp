@@ -107,7 +107,7 @@ Trials readings_of(const Experiment& experiment, const MeshSettings& settings, c
 
 struct Fitted {
   FitResult fit;
-  std::vector<DiscretisationShare> shares;
+  std::vector<Share> shares;
 };
 
 Fitted fitted(const Experiment& experiment, const Trials& trials) {

@@ -1,0 +1,218 @@
+#include "calib/benches/assumptions.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <map>
+#include <stdexcept>
+
+#include "calib/benches/model.hpp"
+#include "sim/core/error.hpp"
+
+namespace taut {
+namespace {
+
+std::vector<std::vector<double>> own_points(const GeometrySettings& geometry, const std::string& cable) {
+  std::vector<std::vector<double>> points;
+  for (const Eigen::VectorXd& point : own_cable(geometry, cable)) points.emplace_back(point.begin(), point.end());
+  return points;
+}
+
+/// Changes one of a shape's keys in a copy of its own; the cables that the shape brings along follow.
+template <class Change>
+void edit_key(Experiment& experiment, size_t key, Change&& change) {
+  const GeometrySettings before = experiment.geometry;
+  std::shared_ptr<Shape> shape = before.shape->clone();
+  const std::vector<ShapeKey> keys = shape->keys();
+  change(keys[key]);
+  experiment.geometry.shape = shape;
+  const std::vector<std::string> names = shape->cable_names();
+  for (CableSettings& cable : experiment.cables.cables) {
+    if (std::ranges::find(names, cable.id) != names.end() && cable.points == own_points(before, cable.id))
+      cable.points = own_points(experiment.geometry, cable.id);
+  }
+}
+
+void add_lengths(const Experiment& experiment, std::vector<Dimension>& dimensions) {
+  const std::unique_ptr<Shape> shape = experiment.geometry.shape->clone();
+  const std::vector<ShapeKey> keys = shape->keys();
+  for (size_t k = 0; k < keys.size(); ++k) {
+    if (keys[k].quantity != Quantity::length) continue;
+    const std::string name(keys[k].key);
+    if (const auto* value = std::get_if<double*>(&keys[k].value); value != nullptr && **value != 0) {
+      dimensions.push_back({{name, name, "m", 0, 1e3, std::string(keys[k].meaning)},
+                            "geometry." + name,
+                            **value,
+                            [k](Experiment& other, double length) {
+                              edit_key(other, k, [&](const ShapeKey& key) { *std::get<double*>(key.value) = length; });
+                            }});
+    }
+    if (name != "size") continue;
+    if (const auto* sizes = std::get_if<std::vector<double>*>(&keys[k].value); sizes != nullptr) {
+      for (size_t axis = 0; axis < (*sizes)->size(); ++axis) {
+        const std::string id = fmt::format("size_{}", "xyz"[axis]);
+        dimensions.push_back({{id, id, "m", 0, 1e3, fmt::format("length along {}", "xyz"[axis])},
+                              fmt::format("geometry.size.{}", axis + 1),
+                              (**sizes)[axis],
+                              [k, axis](Experiment& other, double length) {
+                                edit_key(other, k, [&](const ShapeKey& key) {
+                                  (*std::get<std::vector<double>*>(key.value))[axis] = length;
+                                });
+                              }});
+      }
+    }
+  }
+}
+
+/// The parameter that a place of the file sets: "materials.foam.nu" nu_foam; of others the last word.
+std::string id_at(const std::string& place) {
+  if (place == "cables.k" || place == "cables.EA") return "k_cable";
+  const size_t last = place.rfind('.'), first = place.find('.');
+  if (place.starts_with("materials.") && last > first)
+    return place.substr(last + 1) + "_" + place.substr(first + 1, last - first - 1);
+  if (place.starts_with("geometry.size.")) return fmt::format("size_{}", "xyz"[(place[last + 1] - '1') % 3]);
+  return place.substr(last + 1);
+}
+
+/// What an experiment's numerics or a bench's zero have, which is nobody's to measure.
+bool is_numerical(const std::string& id) {
+  return id == "contact_gap" || id.starts_with("contact_pressure_") || id.starts_with("zero_");
+}
+
+/// The tolerances of a file by the ids of what they belong to.
+std::map<std::string, Tolerance> tolerances_by_id(const Experiment& experiment, const ParameterTable& table,
+                                                  const std::vector<Dimension>& dimensions) {
+  std::map<std::string, Tolerance> found;
+  for (const auto& [place, tolerance] : experiment.tolerances) {
+    const std::string id = id_at(place);
+    const bool dimension =
+        std::ranges::any_of(dimensions, [&](const Dimension& d) { return d.place == place && d.spec.id == id; });
+    const bool known = table.contains(id) && (place.starts_with("materials.") || place.starts_with("cables.") ||
+                                              place == "geometry.thickness");
+    if (!dimension && !known)
+      throw InputError(
+          tolerance.where +
+          ": a tolerance has no effect here; allowed: lengths in [geometry] that are not zero, constants in "
+          "[materials.NAME], k and slack in [cables], and [bench.tolerance] for what the bench sets");
+    if (std::ranges::find(experiment.free, id, &FreeSettings::id) != experiment.free.end())
+      throw InputError(
+          fmt::format("{}: {} is fitted ([fit.free.{}]), so that its tolerance has no effect; leave either "
+                      "out",
+                      tolerance.where, id, id));
+    found[id] = tolerance;
+  }
+  return found;
+}
+
+/// A control's own tolerance: a part of its values, or an error of its zero.
+Assumption control_assumption(const Experiment& experiment, const ParameterSpec& spec) {
+  Assumption assumption{spec.id, 1, 0, true, "1"};
+  const auto given = experiment.control_tolerances.find(spec.id);
+  if (given == experiment.control_tolerances.end()) return assumption;
+  const auto& [text, where] = given->second;
+  assumption.scale = text.find('%') != std::string::npos;
+  assumption.unit = assumption.scale ? "1" : spec.unit;
+  assumption.tolerance =
+      parse_quantity(text, assumption.scale ? Quantity::pure : quantity_of_si_unit(spec.unit), where);
+  if (!(assumption.tolerance > 0)) throw InputError(where + ": a tolerance must be positive");
+  return assumption;
+}
+
+}  // namespace
+
+std::vector<Dimension> dimensions_of(const Experiment& experiment) {
+  std::vector<Dimension> dimensions;
+  add_lengths(experiment, dimensions);
+  if (experiment.geometry.dimension == 2 && experiment.mesh.depth_cells > 0) {
+    dimensions.push_back({{"thickness", "t", "m", 0, 1e3, "thickness of the solid"},
+                          "geometry.thickness",
+                          experiment.geometry.thickness,
+                          [](Experiment& other, double length) { other.geometry.thickness = length; }});
+  }
+  return dimensions;
+}
+
+std::vector<Assumption> assumptions_of(const Experiment& experiment, const ParameterTable& table, const Params& p,
+                                       const std::vector<Dimension>& dimensions) {
+  const std::map<std::string, Tolerance> tolerances = tolerances_by_id(experiment, table, dimensions);
+  std::vector<Assumption> assumptions;
+  const auto add = [&](const ParameterSpec& spec, double value) {
+    const auto stated = tolerances.find(spec.id);
+    const double tolerance = stated == tolerances.end() ? 0 : stated->second.half_width;
+    if (value != 0 || tolerance > 0) assumptions.push_back({spec.id, value, tolerance, false, spec.unit});
+  };
+  for (int i = 0; i < table.size(); ++i) {
+    const ParameterSpec& spec = table[i];
+    if (std::ranges::find(experiment.bench.controls, spec.id, &BenchFormat::Control::id) !=
+        experiment.bench.controls.end())
+      assumptions.push_back(control_assumption(experiment, spec));
+    else if (std::ranges::find(experiment.free, spec.id, &FreeSettings::id) == experiment.free.end() &&
+             !is_numerical(spec.id) &&
+             std::ranges::find(dimensions, spec.id, [](const Dimension& d) { return d.spec.id; }) == dimensions.end())
+      add(spec, p[i]);
+  }
+  for (const Dimension& dimension : dimensions) add(dimension.spec, dimension.value);
+  return assumptions;
+}
+
+DimensionedProtocol::DimensionedProtocol(const Experiment& experiment, const Trials& trials)
+    : replay_(make_static_replay(experiment, experiment.mesh, trials)),
+      table_(replay_.protocol->parameters()),
+      nominal_(replay_.protocol->nominal()) {
+  const Mesh& mesh = replay_.protocol->scene().model->mesh();
+  // Far below the distance at which contact sets in, far above rounding.
+  const double step = 1e-8 * mesh.diagonal();
+  for (Dimension& dimension : dimensions_of(experiment)) {
+    if (table_.contains(dimension.spec.id)) continue;
+    const auto beside = [&](double change) {
+      Experiment other = experiment;
+      dimension.set(other, dimension.value + change);
+      return std::move(make_static_replay(other, other.mesh, trials).protocol);
+    };
+    try {
+      Sides sides{beside(-step), beside(step), 2 * step};
+      const auto same = [&](const std::unique_ptr<StaticProtocol>& protocol) {
+        const Mesh& other = protocol->scene().model->mesh();
+        return other.elements == mesh.elements && (other.X - mesh.X).cwiseAbs().maxCoeff() < 1e3 * step;
+      };
+      if (!same(sides.less) || !same(sides.more))
+        throw InputError("a small change of it makes a mesh of other elements");
+      sides_.push_back(std::move(sides));
+    } catch (const InputError& error) {
+      left_out_.push_back(fmt::format("{}: {}", dimension.spec.id, error.what()));
+      continue;
+    }
+    table_.declare(dimension.spec);
+    nominal_.conservativeResize(nominal_.size() + 1);
+    nominal_[nominal_.size() - 1] = dimension.value;
+    dimensions_.push_back(std::move(dimension));
+  }
+}
+
+Prediction DimensionedProtocol::predict(const Params& p, const std::vector<int>& free) {
+  const Eigen::Index own = own_count();
+  if (p.tail(p.size() - own) != nominal_.tail(p.size() - own))
+    throw std::logic_error("dimensions have derivatives only");
+  std::vector<int> of_model;
+  std::vector<StaticProtocol::Neighbours> neighbours;
+  for (int index : free) {
+    if (index < own) {
+      of_model.push_back(index);
+    } else {
+      const Sides& sides = sides_[static_cast<size_t>(index - own)];
+      neighbours.push_back({sides.less.get(), sides.more.get(), sides.apart});
+    }
+  }
+  Prediction prediction = replay_.protocol->predict(p.head(own), of_model);
+  if (neighbours.empty() || !prediction.complete()) return prediction;
+  const Eigen::MatrixXd between = replay_.protocol->derivatives_between(neighbours);
+  Eigen::MatrixXd all(row_count(), static_cast<Eigen::Index>(free.size()));
+  Eigen::Index a = 0, b = 0;
+  for (size_t k = 0; k < free.size(); ++k)
+    all.col(static_cast<Eigen::Index>(k)) =
+        free[k] < own ? Eigen::VectorXd(prediction.derivatives.col(a++)) : Eigen::VectorXd(between.col(b++));
+  prediction.derivatives = std::move(all);
+  return prediction;
+}
+
+}  // namespace taut

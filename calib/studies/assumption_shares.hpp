@@ -1,0 +1,25 @@
+#pragma once
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "calib/studies/discretisation.hpp"
+
+namespace taut {
+
+/// The share of each assumption in each fitted parameter: the change that its tolerance makes, by gauss_newton_step()
+/// from the optimum with exact derivatives (of dimensions DimensionedProtocol's). Without a tolerance the change by 1 %
+/// stands there instead, and does not count. One cold replay for all. Arguments as in discretisation_shares().
+std::vector<Share> assumption_shares(const Experiment& experiment, const Trials& trials, const FitResult& fit,
+                                     const std::function<void(const std::string&)>& progress = {}, const Ask& ask = {});
+
+/// The 95 % interval of the j-th parameter with all that counts: noise, bias and error of each share, added up as root
+/// of squares on either side of the value.
+struct TotalInterval {
+  std::optional<double> lower, upper;  ///< SI; empty: open, as the noise alone leaves it
+  std::vector<std::string> without;    ///< sources whose share is not known
+};
+TotalInterval total_interval(const ParameterEstimate& estimate, const std::vector<Share>& shares, size_t j);
+
+}  // namespace taut
