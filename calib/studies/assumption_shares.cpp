@@ -62,6 +62,7 @@ std::vector<Share> assumption_shares(const Experiment& experiment, const Trials&
       return gauss_newton_step(changed, protocol.replay().measurements, table, p, free);
     };
     const Eigen::VectorXd shift = 0.5 * (step(change) - step(-change));
+    if (column.isZero(0)) continue;  // gravity without a weight, say
     Share& share = shares.emplace_back();
     share.source = assumption.scale ? "scale of " + assumption.id : assumption.id;
     if (!assumption.scale && experiment.control_tolerances.contains(assumption.id))
@@ -79,7 +80,7 @@ std::vector<Share> assumption_shares(const Experiment& experiment, const Trials&
                     ? fmt::format("+- {}, one Gauss-Newton step", size)
                     : fmt::format("tolerance not stated; shown for {}", assumption.scale ? size : "1 %, " + size);
   }
-  shares.front().seconds = watch.seconds();
+  if (!shares.empty()) shares.front().seconds = watch.seconds();
   return shares;
 }
 

@@ -88,7 +88,8 @@ int chart_planted(const CommandOptions& options) {
         "range: {}\nnoise intervals that hold the truth, dimensions exact: {}; intervals in all, dimensions off by "
         "their tolerances: {}\nthe dearest search took {:.1f} cold replays\n",
         converged.text(), alike.text(), fits.text(), noise.text(), total.text(), dearest);
-  return close_chart(options, static_cast<size_t>(std::ranges::count(results, std::nullopt)), results.size(), progress);
+  return close_chart(options, static_cast<size_t>(std::count(results.begin(), results.end(), std::nullopt)),
+                     results.size(), progress);
 }
 
 }  // namespace taut
