@@ -46,6 +46,36 @@ bool fits(const FitResult& fit) {
   return fit.chi_squared_p >= 0.05;
 }
 
+std::string limit_text(const RunRecord& record, size_t j) {
+  const ParameterEstimate& e = record.fit.parameters[j];
+  if (!std::isfinite(e.standard_error)) return "";
+  const auto most = [&](const Share& share) {
+    return std::isfinite(share.bias[j]) ? std::abs(share.bias[j]) + std::max(0.0, share.error[j]) : 0;
+  };
+  const Share *counted = nullptr, *unstated = nullptr;
+  for (const Share& share : record.shares) {
+    const Share*& largest = share.counted ? counted : unstated;
+    if (largest == nullptr || most(share) > most(*largest)) largest = &share;
+  }
+  const auto size = [&](const Share& share) {
+    const DisplayUnit unit = display_unit(e.value, e.spec.unit);
+    return fmt::format("{:.2g}{}", most(share) / unit.factor, unit.name == "1" ? "" : " " + unit.name);
+  };
+  const double noise = 1.96 * e.standard_error;
+  std::string text;
+  if (counted != nullptr && most(*counted) > noise) {
+    const char* remedy = counted->source == "mesh"            ? "refine the mesh"
+                         : counted->source == "contact gap"   ? "make contact_gap smaller"
+                         : counted->source == "plane section" ? "fit with model = \"solid\""
+                                                              : "measure it better, or free it";
+    text = fmt::format("Limited by the {} ({}) rather than the noise: {}. ", counted->source, size(*counted), remedy);
+  }
+  if (unstated != nullptr && most(*unstated) > noise)
+    text += fmt::format("1 % of {} is worth {}, more than the noise: measure it and state its tolerance. ",
+                        unstated->source, size(*unstated));
+  return text;
+}
+
 Shown::Shown(const ParameterEstimate& estimate) : unit(display_unit(estimate.value, estimate.spec.unit)) {
   if (unit.name == "1") unit.name = "";
   double resolution = estimate.standard_error;

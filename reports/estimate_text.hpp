@@ -20,6 +20,10 @@ double misfit_ratio(const FitResult& fit);
 bool can_judge(const FitResult& fit);
 /// "line 40 alone makes 98 % of chi squared: ..." when one reading makes more than half of it; else "".
 std::string outlier_text(const RunRecord& record);
+/// "Limited by the plane section (1.8 kPa) rather than the noise: ...", what would make the j-th parameter better
+/// known;
+/// "" where that is fewer errors in the readings, or nothing is known of shares.
+std::string limit_text(const RunRecord& record, size_t j);
 bool fits(const FitResult& fit);  ///< chi squared is not improbably large: p is 0.05 or more
 
 /// An estimate in one unit, cut to the digits that its standard error leaves.

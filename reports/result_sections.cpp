@@ -151,6 +151,8 @@ std::optional<Section> answer(const RunRecord& record) {
                                  in_all ? shown.total(estimate) : shown.interval(estimate),
                                  in_all ? "" : " (noise alone)", name_of(estimate.verdict)),
                      "number");
+    const size_t j = static_cast<size_t>(&estimate - fit.parameters.data());
+    if (const std::string limit = limit_text(record, j); !limit.empty()) out += paragraph(limit);
   }
   if (can_judge(fit) && fits(fit)) {
     out += paragraph("The model fits the readings within their declared noise.");

@@ -64,9 +64,13 @@ void add_lengths(const Experiment& experiment, std::vector<Dimension>& dimension
   }
 }
 
+/// The default, and what it may be off by from the equator (9.780) to the poles (9.832 m/s2).
+constexpr double standard_gravity = 9.81, gravity_on_earth = 0.03;
+
 /// The parameter that a place of the file sets: "materials.foam.nu" nu_foam; of others the last word.
 std::string id_at(const std::string& place) {
   if (place == "cables.k" || place == "cables.EA") return "k_cable";
+  if (place == "gravity.acceleration") return "g";
   const size_t last = place.rfind('.'), first = place.find('.');
   if (place.starts_with("materials.") && last > first)
     return place.substr(last + 1) + "_" + place.substr(first + 1, last - first - 1);
@@ -88,7 +92,7 @@ std::map<std::string, Tolerance> tolerances_by_id(const Experiment& experiment, 
     const bool dimension =
         std::ranges::any_of(dimensions, [&](const Dimension& d) { return d.place == place && d.spec.id == id; });
     const bool known = table.contains(id) && (place.starts_with("materials.") || place.starts_with("cables.") ||
-                                              place == "geometry.thickness");
+                                              place == "geometry.thickness" || place == "gravity.acceleration");
     if (!dimension && !known)
       throw InputError(
           tolerance.where +
@@ -138,7 +142,11 @@ std::vector<Assumption> assumptions_of(const Experiment& experiment, const Param
   std::vector<Assumption> assumptions;
   const auto add = [&](const ParameterSpec& spec, double value) {
     const auto stated = tolerances.find(spec.id);
-    const double tolerance = stated == tolerances.end() ? 0 : stated->second.half_width;
+    double tolerance = stated == tolerances.end() ? 0 : stated->second.half_width;
+    if (spec.id == "g" && tolerance == 0) {
+      if (value != standard_gravity) return;  // somebody looked it up
+      tolerance = gravity_on_earth;
+    }
     if (value != 0 || tolerance > 0) assumptions.push_back({spec.id, value, tolerance, false, spec.unit});
   };
   for (int i = 0; i < table.size(); ++i) {

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <tuple>
 
+#include "calib/fit/spread.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/numbers.hpp"
 #include "sim/core/stopwatch.hpp"
@@ -190,12 +191,44 @@ class Run {
     for (Share& share : assumption_shares(experiment, trials, record_.fit, events_.show, ask))
       shares.push_back(std::move(share));
     if (stopped()) return;
+    record_.shares = std::move(shares);
+    add_up();
+  }
+
+  void add_up() {
     for (size_t j = 0; j < record_.fit.parameters.size(); ++j) {
       ParameterEstimate& estimate = record_.fit.parameters[j];
-      const TotalInterval total = total_interval(estimate, shares, j);
+      const TotalInterval total = total_interval(estimate, record_.shares, j);
       std::tie(estimate.total_lower95, estimate.total_upper95) = std::tie(total.lower, total.upper);
     }
-    record_.shares = std::move(shares);
+  }
+
+  /// Values from parts of the readings that differ by more than their errors have a share, too.
+  void judge_spread(const std::string& id, const std::string& per) {
+    const ParameterEstimate& whole = *estimate_of(record_.fit, id);
+    std::vector<double> values, errors;
+    for (const DiagnosticRecord& part : record_.diagnostics) {
+      if (part.parameter != id || !(part.value > 0) || !(part.standard_error > 0)) continue;
+      values.push_back(whole.spec.logarithmic ? std::log(part.value) : part.value);
+      errors.push_back(part.standard_error / (whole.spec.logarithmic ? part.value : 1));
+    }
+    if (values.size() < 3) return;
+    const Spread spread = spread_of(values, errors);
+    if (!spread.resolved) return;
+    const double scale = whole.spec.logarithmic ? whole.value : 1;
+    Share share;
+    share.source = fmt::format("scatter between {}s", per);
+    for (const ParameterEstimate& e : record_.fit.parameters) {
+      share.bias.push_back(0);
+      share.error.push_back(&e == &whole ? scale * spread.half_width : 0);
+    }
+    share.how = fmt::format(
+        "{} values of {} scatter by {} beyond their errors (one standard deviation); another {} is "
+        "predicted to +- {}",
+        values.size(), id, with_unit(scale * spread.omega, whole.spec.unit, 2), per,
+        with_unit(scale * spread.next_half_width, whole.spec.unit, 2));
+    record_.shares.push_back(std::move(share));
+    add_up();
   }
 
   /// Fits one parameter to the readings of each value of a control alone, from the whole fit's result: values that
@@ -209,6 +242,7 @@ class Run {
       stage(fmt::format("{} from {} alone", settings.parameter, what),
             [&] { diagnose_part(settings.parameter, control, held, what); });
     }
+    stage("the scatter", [&] { judge_spread(settings.parameter, settings.per); });
   }
 
   void diagnose_part(const std::string& id, size_t control, double held, const std::string& what) {

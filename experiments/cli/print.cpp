@@ -70,10 +70,11 @@ void print_parameter(const RunRecord& record, size_t j) {
       e.total_lower95 || e.total_upper95
           ? fmt::format("95 % interval {} in all, ", interval_text(e, e.total_lower95, e.total_upper95))
           : "95 % interval ";
-  fmt::print("{} = {} +- {} (noise){}, {}{} of the noise: {}\n  {}\n{}{}", e.spec.id, with_unit(e.value, e.spec.unit),
+  const std::string limit = limit_text(record, j);
+  fmt::print("{} = {} +- {} (noise){}, {}{} of the noise: {}\n  {}\n{}{}{}", e.spec.id, with_unit(e.value, e.spec.unit),
              std::isfinite(e.standard_error) ? bare_beside(e.value, e.standard_error, e.spec.unit) : "unknown", shares,
-             total, interval_text(e, e.lower95, e.upper95), name_of(e.verdict), e.explanation, biases,
-             unstated_text(record, j));
+             total, interval_text(e, e.lower95, e.upper95), name_of(e.verdict), e.explanation,
+             limit.empty() ? "" : "  " + limit + "\n", biases, unstated_text(record, j));
 }
 
 void print_goodness(const FitResult& fit) {
