@@ -188,6 +188,7 @@ class Run {
     const Trials& trials = *bench_.trials_at_rest();
     const Ask ask = asking("share");
     std::vector<Share> shares = discretisation_shares(experiment, trials, record_.fit, events_.show, ask);
+    if (auto share = section_share(experiment, trials, record_.fit, events_.show, ask)) shares.push_back(*share);
     for (Share& share : assumption_shares(experiment, trials, record_.fit, events_.show, ask))
       shares.push_back(std::move(share));
     if (stopped()) return;

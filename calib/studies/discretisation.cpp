@@ -320,8 +320,17 @@ std::vector<Share> discretisation_shares(const Experiment& experiment, const Tri
   };
   add("mesh", [&] { return fitted.mesh_share(own); });
   if (experiment.contact.on) add("contact gap", [&] { return fitted.gap_share(own); });
-  if (may_be_deepened(experiment)) add("plane section", [&] { return fitted.section_share(); });
   return shares;
+}
+
+std::optional<Share> section_share(const Experiment& experiment, const Trials& trials, const FitResult& fit,
+                                   const std::function<void(const std::string&)>& progress, const Ask& ask) {
+  if (fit.covariance.size() == 0 || !may_be_deepened(experiment)) return std::nullopt;
+  const Stopwatch watch;
+  Share share = Fitted{experiment, trials, fit, progress, ask}.section_share();
+  share.source = "plane section";
+  share.seconds = watch.seconds();
+  return share;
 }
 
 }  // namespace taut

@@ -1,6 +1,7 @@
 #pragma once
 #include <Eigen/Core>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -57,21 +58,25 @@ struct Share {
 /// parameter, `estimate`.
 std::string describe(const Share& share, const ParameterEstimate& estimate, size_t j);
 
-/// The shares of mesh, contact gap and plane section in a fit of readings at rest. Models that are refined predict all
+/// The shares of mesh and contact gap in a fit of readings at rest. Models that are refined predict all
 /// readings at the optimum, with derivatives, and gauss_newton_step() from there, less that of the fit's own model,
 /// tells where their fit would end; nothing is fitted again.
 ///
 /// Mesh: the finest three of most_accurate() meshes with sizes r^-2 ... r^2 times the fit's own, r = 2 in 2D and 1.45
 /// in 3D, that have at most 150 000 unknowns in 2D and 40 000 in 3D; then extrapolate() with orders up to 2, what
 /// clamped corners leave of quadratic elements' 4. Contact gap: half of it, then linearly to none, with half of the
-/// bias as error (the stand-off of closed faces is proportional to the gap). Plane section: a coarse solid of the
-/// section's thickness against the same coarse section, with a third of the bias as error; not for plane stress nor
-/// where deepened() or as_solid() has none.
+/// bias as error (the stand-off of closed faces is proportional to the gap).
 ///
 /// `fit` has a result (a covariance); `experiment` and `trials` are those it was made with. A failed simulation makes
 /// the share unknown. `progress` is told what comes next; `ask`, where it is given, is how predictions are had.
 std::vector<Share> discretisation_shares(const Experiment& experiment, const Trials& trials, const FitResult& fit,
                                          const std::function<void(const std::string&)>& progress = {},
                                          const Ask& ask = {});
+
+/// The share of having taken a solid for a plane section: one Gauss-Newton step with a coarse solid of the section's
+/// thickness, less that with the same coarse section; a third of the bias is its error. Nothing for plane stress, for a
+/// thickness that is fitted, and where deepened() or as_solid() has no solid. Arguments as above.
+std::optional<Share> section_share(const Experiment& experiment, const Trials& trials, const FitResult& fit,
+                                   const std::function<void(const std::string&)>& progress = {}, const Ask& ask = {});
 
 }  // namespace taut
