@@ -1,9 +1,15 @@
 #include "reports/estimate_text.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
+#include <set>
+
+#include "calib/fit/goodness_of_fit.hpp"
+#include "reports/axes.hpp"
+#include "sim/core/error.hpp"
 
 namespace taut {
 
@@ -28,14 +34,89 @@ std::string outlier_text(const RunRecord& record) {
   const ReadingRecord* worst = nullptr;
   double most = 0;
   for (const ReadingRecord& reading : record.readings) {
+    if (reading.excluded) continue;
     const double part = std::pow((reading.measured - reading.predicted) / reading.sigma, 2);
     if (!(part > most)) continue;
     most = part;
     worst = &reading;
   }
   if (worst == nullptr || !(most > 0.5 * record.fit.chi_squared)) return "";
-  return fmt::format("line {} alone makes {:.0f} % of chi squared: read it again, or take it out of the bench file",
-                     worst->line, 100 * most / record.fit.chi_squared);
+  const std::string remedy = over_time(record) ? "take it out of the bench file"
+                                               : fmt::format("leave it out ([bench] exclude = [{}])", worst->line);
+  return fmt::format("line {} alone makes {:.0f} % of chi squared: read it again, or {}", worst->line,
+                     100 * most / record.fit.chi_squared, remedy);
+}
+
+size_t fitted_readings(const RunRecord& record) {
+  return static_cast<size_t>(
+      std::ranges::count_if(record.readings, [](const ReadingRecord& reading) { return !reading.excluded; }));
+}
+
+std::string excluded_text(const RunRecord& record) {
+  std::set<int> lines;
+  for (const ReadingRecord& reading : record.readings) {
+    if (reading.excluded) lines.insert(reading.line);
+  }
+  if (lines.empty()) return "";
+  const size_t count = record.readings.size() - fitted_readings(record);
+  return fmt::format("Not fitted: line{} {} ({} reading{}).", lines.size() == 1 ? "" : "s", fmt::join(lines, ", "),
+                     count, count == 1 ? "" : "s");
+}
+
+std::string look_first(const RunRecord& record) {
+  const std::vector<Explanation> told = telling(record.explanations);
+  const bool to_say = record.fit.status == FitStatus::converged && misses_readings(record.fit);
+  if (told.empty()) return to_say ? outlier_text(record) : "";
+  const Explanation& best = told.front();
+  const bool all = chi_squared_probability(best.chi_squared, best.dof) >= telling_p_value;
+  std::string text = fmt::format(
+      "What would explain {}the misfit: {} (chi squared {:.4g} for {} degrees of freedom instead of {:.4g} for {})",
+      all ? "" : "a part of ", best.what, best.chi_squared, best.dof, record.fit.chi_squared, record.fit.dof);
+  const std::string unlike = cannot_be_told_from(best);
+  if (!unlike.empty()) text += "; " + unlike;
+  if (best.lines.size() == 1)
+    text += fmt::format("; read it again, or leave it out ([bench] exclude = [{}])", best.lines.front());
+  return text;
+}
+
+std::string small_probability(double p) {
+  return p < 1e-99 ? "below 1e-99" : fmt::format("{:.1g}", p);
+}
+
+std::string parameters_with(const RunRecord& record, const Explanation& explanation) {
+  std::string text;
+  for (size_t j = 0; j < record.fit.parameters.size(); ++j) {
+    const ParameterEstimate& e = record.fit.parameters[j];
+    const bool determined = e.verdict == Verdict::well_determined || e.verdict == Verdict::weakly_determined ||
+                            e.verdict == Verdict::of_a_wrong_model;
+    if (determined)
+      text += fmt::format("{}{} = {}", text.empty() ? "" : ", ", e.spec.id,
+                          taut::with_unit(e.value + explanation.shifts[j], e.spec.unit));
+  }
+  return text;
+}
+
+std::string cannot_be_told_from(const Explanation& explanation) {
+  std::string text;
+  if (!explanation.like.empty()) text = "the readings cannot tell it from " + join(explanation.like, " or ");
+  if (!explanation.like_parameters.empty())
+    text += (text.empty() ? "" : "; ") + std::string("nearly all of it is made up for by ") +
+            join(explanation.like_parameters, " and ");
+  return text;
+}
+
+std::string robust_outliers(const RunRecord& record) {
+  constexpr size_t most = 4;
+  const size_t count = record.robust.outliers.size();
+  std::string text;
+  for (size_t i = 0; i < std::min(most, count); ++i) {
+    const OutlierRecord& outlier = record.robust.outliers[i];
+    const std::string& unit = channel_axis(record, outlier.channel).unit;
+    text += fmt::format("{}line {} ({}): {}, {:.1f} sigmas off {}", text.empty() ? "" : "; ", outlier.line,
+                        outlier.channel, taut::with_unit(outlier.measured, unit), std::abs(outlier.off),
+                        taut::with_unit(outlier.expected, unit));
+  }
+  return count <= most ? text : text + fmt::format("; and {} more", count - most);
 }
 
 bool can_judge(const FitResult& fit) {

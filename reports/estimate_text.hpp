@@ -16,6 +16,21 @@ std::string bound(double value, const std::string& unit);
 
 /// Chi squared per degree of freedom, NaN without any.
 double misfit_ratio(const FitResult& fit);
+/// How many readings were fitted.
+size_t fitted_readings(const RunRecord& record);
+/// "Not fitted: line 40 (1 reading)."; "" when nothing is excluded.
+std::string excluded_text(const RunRecord& record);
+/// Where to look first: "What would explain the misfit: a zero error of 'tip': +0.20 +- 0.01 mm (...)", the best of
+/// telling(), else outlier_text() where the model misses the readings; "": neither.
+std::string look_first(const RunRecord& record);
+/// "1e-12", "below 1e-99".
+std::string small_probability(double p);
+/// "E_foam = 46.8 kPa, slack = 0.4 mm": the parameters that are determined, with this explanation.
+std::string parameters_with(const RunRecord& record, const Explanation& explanation);
+/// "as well: a drift from trial to trial; made up for by: E_foam": what it cannot be told apart from; "": nothing.
+std::string cannot_be_told_from(const Explanation& explanation);
+/// "line 40 (tip): 38.50 mm, 10.2 sigmas off 3.850 mm": readings that the robust fit sets aside; "": none.
+std::string robust_outliers(const RunRecord& record);
 /// There are more readings than parameters, and a result.
 bool can_judge(const FitResult& fit);
 /// "line 40 alone makes 98 % of chi squared: ..." when one reading makes more than half of it; else "".

@@ -106,6 +106,13 @@ std::optional<std::pair<Eigen::VectorXd, Eigen::VectorXd>> clipped(const Eigen::
   return std::pair<Eigen::VectorXd, Eigen::VectorXd>(a + from * (b - a), a + to * (b - a));
 }
 
+void add_excluded(Page& page, const Rows& rows, Plots& plots) {
+  if (rows.empty()) return;
+  const std::string block = page.data(rows);
+  for (const int mark : {symbol(0), kCross})
+    plots.push_back(plotted(block, fmt::format("points pt {} ps 1 lw 1.2", mark), kGrey));
+}
+
 double half95(double standard_error) {
   return std::isfinite(standard_error) ? k95 * standard_error : 0;
 }

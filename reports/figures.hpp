@@ -117,6 +117,10 @@ void largest_first(Areas& areas) {
   std::ranges::stable_sort(areas, std::greater(), [](const auto& area) { return std::abs(area.size); });
 }
 
+inline constexpr int kCross = 2;  ///< gnuplot's number of the symbol of readings that are not fitted
+/// Readings that are not fitted: hollow grey symbols with a cross; of x and y.
+void add_excluded(Page& page, const Rows& rows, Plots& plots);
+
 /// Half of a 95 % interval; nothing where the standard error is not known.
 double half95(double standard_error);
 

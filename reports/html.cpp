@@ -105,8 +105,10 @@ std::string table(const Cells& header, const std::vector<Cells>& rows) {
   for (const Cells& row : rows) {
     out += "<tr>";
     for (size_t c = 0; c < row.size(); ++c) {
-      const bool code = row[c].starts_with('`');
-      out += cell("td", c, code ? "<code>" + escaped(row[c].substr(1)) + "</code>" : escaped(row[c]));
+      std::string text = escaped(row[c]);
+      if (row[c].starts_with('`')) text = "<code>" + text.substr(1) + "</code>";
+      if (row[c].starts_with('~')) text = "<s>" + text.substr(1) + "</s>";
+      out += cell("td", c, text);
     }
     out += "</tr>\n";
   }

@@ -25,7 +25,8 @@ std::string bare_number(double value);
 using Cells = std::vector<std::string>;  ///< a row of a table
 
 /// A table of texts, escaped here. A header that starts with '#' makes its column one of numbers, set to the right; a
-/// cell that starts with '`' is set as code; empty headers only give a table without a head.
+/// cell that starts with '`' is set as code, one that starts with '~' struck out; empty headers only give a table
+/// without a head.
 std::string table(const Cells& header, const std::vector<Cells>& rows);
 
 /// One row for each item.

@@ -27,6 +27,7 @@ struct Group {
 struct Groups {
   std::vector<Group> all;
   std::vector<std::string> channels, series, trials;  ///< in order of appearance
+  bool any_excluded = false;
 };
 
 std::string series_of(const RunRecord& record, size_t reading) {
@@ -48,6 +49,7 @@ Groups groups_of(const RunRecord& record, std::optional<Quantity> quantity = std
     const size_t channel = place_in(groups.channels, reading.channel);
     const size_t series = place_in(groups.series, series_of(record, i));
     place_in(groups.trials, reading.trial);
+    groups.any_excluded |= reading.excluded;
     sum[channel] += reading.measured;
     const auto [entry, added] = index.try_emplace({channel, series}, groups.all.size());
     if (added) groups.all.push_back({reading.channel, groups.series[series], "", channel, 1, {}, nullptr});
@@ -82,6 +84,7 @@ std::vector<LegendEntry> legend_of(const Groups& groups, const std::vector<Legen
   if (groups.trials.size() > most) {
     entries.push_back({LegendEntry::text, fmt::format("… {} trials in all", groups.trials.size())});
   }
+  if (groups.any_excluded) entries.push_back({LegendEntry::point, "not fitted", kGrey, kCross});
   entries.insert(entries.end(), marks.begin(), marks.end());
   return entries;
 }
@@ -106,7 +109,8 @@ void add_points(Page& page, const RunRecord& record, const Groups& groups, const
   for (size_t t = 0; t < groups.trials.size(); ++t) {
     Rows rows;
     for (const auto& [reading, row] : points) {
-      if (record.readings[reading].trial == groups.trials[t]) rows.push_back(row);
+      const ReadingRecord& r = record.readings[reading];
+      if (r.trial == groups.trials[t] && !r.excluded) rows.push_back(row);
     }
     if (rows.empty()) continue;
     const std::string block = page.data(rows);
@@ -114,6 +118,11 @@ void add_points(Page& page, const RunRecord& record, const Groups& groups, const
     symbols.push_back(plotted(block, fmt::format("points pt {} ps 1 lw 1.4", symbol(t)), group.colour));
   }
   plots.insert(plots.end(), symbols.begin(), symbols.end());
+  Rows excluded;
+  for (const auto& [reading, row] : points) {
+    if (record.readings[reading].excluded) excluded.push_back(row);
+  }
+  add_excluded(page, excluded, plots);
 }
 
 /// Polynomial through points (x, y, sigma) by weighted least squares, as a line over their range; of a lower degree
@@ -170,7 +179,7 @@ Unloaded unloaded_of(const RunRecord& record, const Group& group) {
   double variance = 0, n = 0;
   for (const size_t i : group.readings) {
     const ReadingRecord& r = record.readings[i];
-    if (record.load_newtons[i] != 0) continue;
+    if (record.load_newtons[i] != 0 || r.excluded) continue;
     n += 1;
     zero.measured += r.measured;
     variance += r.sigma * r.sigma;
@@ -223,7 +232,8 @@ Stiffness stiffness_of(const RunRecord& record, const Group& group, StiffnessNum
     const double sigma = std::abs(force) * std::hypot(r.sigma, zero.sigma) / (delta * delta);
     out.points[i] = {force, k, sigma};
     numbers.add(force, k, sigma);
-    numbers.csv += line("reading", r.channel, group.series, r.trial, force, delta / kMillimetre, k, sigma, "", "");
+    numbers.csv += line(r.excluded ? "excluded" : "reading", r.channel, group.series, r.trial, force,
+                        delta / kMillimetre, k, sigma, "", "");
   }
   if (group.curve == nullptr) return out;
   const CurveRecord& curve = *group.curve;
@@ -249,8 +259,9 @@ Stiffness stiffness_of(const RunRecord& record, const Group& group, StiffnessNum
 }
 
 /// The plot of the polynomial through the points of a group, where there is one; its numbers go to `csv`.
-void add_trend(Page& page, const Group& group, const Points& points, int degree, bool positive_only, std::string& csv,
-               Plots& plots) {
+void add_trend(Page& page, const RunRecord& record, const Group& group, Points points, int degree, bool positive_only,
+               std::string& csv, Plots& plots) {
+  std::erase_if(points, [&](const auto& point) { return record.readings[point.first].excluded; });
   Rows polynomial = trend(points, degree);
   std::erase_if(polynomial, [&](const std::vector<double>& point) { return positive_only && !(point[1] > 0); });
   for (const std::vector<double>& point : polynomial)
@@ -324,6 +335,7 @@ void add_misses(Page& page, const RunRecord& record, const Groups& groups, const
     const double load = has_loads(record) ? record.load_newtons[i] : std::nan("");
     const double place = has_loads(record) ? load : static_cast<double>(i + 1);
     const double residual = r.measured - r.predicted, ratio = residual / r.sigma;
+    if (r.excluded && !std::isfinite(residual)) continue;  // nothing predicts it
     absolute[i] = {place, residual / unit.factor, r.sigma / unit.factor};
     ratios[i] = {place, ratio, 1};
     numbers.places.push_back(place);
@@ -381,7 +393,9 @@ std::optional<Drawing> force_displacement(const RunRecord& record) {
       const double load = record.load_newtons[i], x = group.sign * r.measured / unit, sigma = r.sigma / unit;
       points[i] = {x, load, sigma};
       reach.insert(reach.end(), {x - sigma, x + sigma});
-      csv += units.row(line("reading", r.channel, group.series, r.trial, load, x, sigma, "", ""), r.channel);
+      csv +=
+          units.row(line(r.excluded ? "excluded" : "reading", r.channel, group.series, r.trial, load, x, sigma, "", ""),
+                    r.channel);
     }
     add_points(sheet.page, record, groups, group, points, "xerrorbars", sheet.points[group.panel]);
     if (group.curve == nullptr) continue;
@@ -450,7 +464,7 @@ std::optional<Drawing> effective_stiffness(const RunRecord& record) {
     add_points(sheet.page, record, groups, group, rows[g].points, "yerrorbars", sheet.points[group.panel]);
     rows[g].band.draw(sheet.page, group.colour, curves);
     if (record.trend_degree > 0)
-      add_trend(sheet.page, group, rows[g].points, record.trend_degree, logarithmic, numbers.csv, curves);
+      add_trend(sheet.page, record, group, rows[g].points, record.trend_degree, logarithmic, numbers.csv, curves);
   }
   for (size_t c = 0; c < groups.channels.size(); ++c) {
     const std::string shown = sheet.grid.leftmost(c) ? label : "";

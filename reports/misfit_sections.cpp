@@ -54,11 +54,13 @@ std::string lack_of_fit_text(const RunRecord& record) {
 }
 
 std::string largest_residual(const RunRecord& record) {
-  if (record.readings.empty()) return "";
+  std::vector<ReadingRecord> fitted = record.readings;
+  std::erase_if(fitted, [](const ReadingRecord& r) { return r.excluded; });
+  if (fitted.empty()) return "";
   const auto residual = [](const ReadingRecord& r) { return std::abs(r.measured - r.predicted); };
   const auto normalised = [&](const ReadingRecord& r) { return residual(r) / r.sigma; };
-  const ReadingRecord& far = *std::ranges::max_element(record.readings, {}, residual);
-  const ReadingRecord& odd = *std::ranges::max_element(record.readings, {}, normalised);
+  const ReadingRecord& far = *std::ranges::max_element(fitted, {}, residual);
+  const ReadingRecord& odd = *std::ranges::max_element(fitted, {}, normalised);
   const std::string largest =
       fmt::format("{:.1f} at line {}, channel {}.", (odd.measured - odd.predicted) / odd.sigma, odd.line, odd.channel);
   const std::optional<WrittenUnit> unit = ReadingUnits(record).common();
@@ -67,6 +69,21 @@ std::string largest_residual(const RunRecord& record) {
       fmt::format("The largest residual is {:.3g} {} (line {} of the data, channel {}); measured in its own "
                   "standard deviation it is {}",
                   (far.measured - far.predicted) / unit->factor, unit->label, far.line, far.channel, largest));
+}
+
+/// What would explain the misfit, where something would.
+std::string explanation_table(const RunRecord& record) {
+  std::vector<Cells> rows;
+  for (const Explanation& e : telling(record.explanations))
+    rows.push_back({e.what, fmt::format("{:.4g} for {}", e.chi_squared, e.dof), small_probability(e.p_value),
+                    parameters_with(record, e), cannot_be_told_from(e)});
+  if (rows.empty()) return "";
+  return "<h3>What would explain the misfit</h3>\n" +
+         table({"What", "#Chi squared would be", "#p", "And then", "Not to be told apart"}, rows) +
+         paragraph(
+             "Best first, each by itself, to first order from the optimum, without a simulation more; p is the "
+             "probability of so large a fall of chi squared by chance, corrected for all that was tried. None of it is "
+             "shown: look there first.");
 }
 
 }  // namespace
@@ -95,7 +112,7 @@ std::optional<Section> goodness_of_fit(const RunRecord& record) {
         "That is smaller than expected: the declared standard deviations look too large, and the intervals "
         "with them.");
   }
-  return Section{out + lack_of_fit_text(record) + largest_residual(record)};
+  return Section{out + lack_of_fit_text(record) + largest_residual(record) + explanation_table(record)};
 }
 
 std::optional<Section> diagnostics(const RunRecord& record) {
@@ -116,7 +133,7 @@ std::optional<Section> diagnostics(const RunRecord& record) {
     }
     rows.push_back({group.whole->spec.id, "all readings",
                     whole.number(group.whole->value) + " ± " + whole.with_unit(group.whole->standard_error), "",
-                    std::to_string(record.readings.size()), bare_number(record.fit.chi_squared)});
+                    std::to_string(fitted_readings(record)), bare_number(record.fit.chi_squared)});
     out += fmt::format("<h3>From each {} alone</h3>\n", escaped(group.held)) +
            table({"Parameter", "Part", "#Value ± standard error", "#Standard errors from the whole fit", "#Readings",
                   "#Chi squared"},

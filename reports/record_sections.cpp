@@ -60,9 +60,14 @@ std::optional<Section> every_reading(const RunRecord& record) {
                         ? fmt::format("{:.3f}{}", value / unit.factor, units.common() ? "" : " " + unit.label)
                         : "not known");
     row.push_back(std::isfinite(residual) ? fmt::format("{:+.2f}", residual / r.sigma) : "not known");
+    if (r.excluded) {
+      for (std::string& cell : row) cell.insert(0, "~");
+    }
     return row;
   };
-  return Section{"<h2>Every reading</h2>\n" + table(header, rows_of(record.readings, row_of))};
+  const std::string excluded = excluded_text(record);
+  return Section{"<h2>Every reading</h2>\n" + table(header, rows_of(record.readings, row_of)) +
+                 (excluded.empty() ? "" : paragraph(excluded))};
 }
 
 std::optional<Section> setup(const RunRecord& record) {

@@ -2,9 +2,11 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <filesystem>
 
 #include "reports/axes.hpp"
+#include "reports/estimate_text.hpp"
 #include "reports/html.hpp"
 #include "reports/run_record_members.hpp"
 #include "reports/run_sections.hpp"
@@ -22,7 +24,7 @@ std::string page_of(const RunRecord& record, const std::vector<Section>& section
   if (record.simulated)
     body += paragraph("SIMULATED DATA: the readings below come from a simulation, not from a bench.", "banner");
   body += fmt::format("<h1>{}</h1>\n", html::escaped(record.title));
-  body += paragraph(fmt::format("{} readings, fitted with taut {} on {}", record.readings.size(),
+  body += paragraph(fmt::format("{} readings, fitted with taut {} on {}", fitted_readings(record),
                                 record.provenance.version, record.provenance.started),
                     "origin");
   return html::page(record.simulated ? "SIMULATED DATA: " + record.title : record.title, body + html_of(sections));
@@ -61,12 +63,14 @@ std::vector<Figure> write_report(const RunRecord& record, const std::string& fol
 
 std::string predictions_csv(const RunRecord& record) {
   const ReadingUnits units(record, ReadingUnits::si);
+  const bool any_excluded = std::ranges::any_of(record.readings, &ReadingRecord::excluded);
   const auto columns_of = [&](ReadingRecord reading) {
     ReadingColumns columns{record, units};
     describe(columns, reading);
     const double residual = reading.measured - reading.predicted;
     columns("residual", residual, InUnitOfChannel());
     columns("normalised_residual", residual / reading.sigma);
+    if (any_excluded) columns("excluded", static_cast<int>(reading.excluded));
     columns.heads.back() = columns.fields.back() = '\n';
     return columns;
   };

@@ -129,21 +129,27 @@ std::string reference_table(const RunRecord& record) {
          table({"Parameter", "#Reference", "#This fit", "#This fit differs by", "Source"}, rows);
 }
 
+/// How the robust fit was made, and what it sets aside.
+std::string robust_text(const RunRecord& record) {
+  if (record.robust.method.empty()) return "";
+  const std::string outliers = robust_outliers(record);
+  return paragraph(fmt::format(
+      "Robust fit: as if the noise had the distribution {}, so that readings far off count little. {}",
+      record.robust.method, outliers.empty() ? "It sets none aside." : "It all but sets aside: " + outliers + "."));
+}
+
 }  // namespace
 
 std::optional<Section> answer(const RunRecord& record) {
   const FitResult& fit = record.fit;
   std::string out = "<div class=\"answer\">\n";
-  if (fit.status != FitStatus::converged) {
-    out += paragraph(fmt::format("No result ({}): {}", name_of(fit.status), fit.message), "warning");
-    return Section{out + "</div>\n"};
-  }
-  if (misses_readings(fit)) {
-    const std::string outlier = outlier_text(record);
-    out += paragraph("The model does not describe the readings: what its parameters are worth is not known." +
-                         (outlier.empty() ? "" : " But " + outlier + "."),
-                     "warning");
-  }
+  const bool converged = fit.status == FitStatus::converged;
+  if (!converged) out += paragraph(fmt::format("No result ({}): {}", name_of(fit.status), fit.message), "warning");
+  if (converged && misses_readings(fit))
+    out +=
+        paragraph("The model does not describe the readings: what its parameters are worth is not known.", "warning");
+  if (const std::string first = look_first(record); !first.empty()) out += paragraph(first + ".", "warning");
+  if (!converged) return Section{out + "</div>\n"};
   for (const ParameterEstimate& estimate : fit.parameters) {
     const Shown shown(estimate);
     const bool in_all = estimate.total_lower95 || estimate.total_upper95;
@@ -179,14 +185,17 @@ std::optional<Section> fitted_parameters(const RunRecord& record) {
     Cells& row = rows.emplace_back();
     row = {estimate.spec.id, estimate.spec.meaning, shown.with_unit(estimate.value),
            shown.with_unit(estimate.standard_error)};
+    if (!record.robust.method.empty())
+      row.push_back(shown.number(record.robust.values[p]) + " ± " + shown.with_unit(record.robust.standard_errors[p]));
     row.insert(row.end(),
                {shown.total(estimate), shown.interval(estimate), std::string(name_of(estimate.verdict)),
                 with_unit(estimate.start, unit), bound(estimate.lower, unit) + " to " + bound(estimate.upper, unit)});
     if (!estimate.explanation.empty())
       explanations += fmt::format("<p><b>{}</b>: {}</p>\n", escaped(estimate.spec.id), escaped(estimate.explanation));
   }
+  if (!record.robust.method.empty()) header.insert(header.begin() + 4, "#Robust fit");
   return Section{
-      "<h2>What was fitted</h2>\n" + table(header, rows) + explanations +
+      "<h2>What was fitted</h2>\n" + table(header, rows) + explanations + robust_text(record) +
       paragraph("\"Open\" means that the readings set no limit on that side. Standard errors and intervals come from "
                 "the declared standard deviations of the readings alone; the interval in all adds what counts below. "
                 "Neither knows of a law that is wrong.") +

@@ -234,6 +234,13 @@ void complete(const JsonArchive& root, RunRecord& record) {
       values.need(values.json().size() == record.fit.parameters.size(), "one number for each parameter");
     }
   }
+  for (size_t i = 0; i < record.explanations.size(); ++i)
+    root["explanations"][i]["shifts"].need(record.explanations[i].shifts.size() == record.fit.parameters.size(),
+                                           "one number for each parameter");
+  if (root.there("robust"))
+    root["robust"].need(record.robust.values.size() == record.fit.parameters.size() &&
+                            record.robust.standard_errors.size() == record.fit.parameters.size(),
+                        "a value and a standard error for each parameter");
   if (!root.there("experiment_file")) return;
   std::vector<std::string> names(1);
   std::string data;

@@ -111,6 +111,39 @@ void describe(auto&& a, Share& share) {
   if (a.there("counted")) a("counted", share.counted);
 }
 
+void describe(auto&& a, Explanation& explanation) {
+  a("kind", explanation.kind);
+  a("name", explanation.name);
+  a("what", explanation.what);
+  a("lines", explanation.lines);
+  a("values", explanation.values);
+  a("standard_errors", explanation.standard_errors);
+  a("unit", explanation.unit);
+  a("chi_squared_fall", explanation.fall);
+  a("chi_squared", explanation.chi_squared);
+  a("dof", explanation.dof);
+  a("p_value", explanation.p_value);
+  a("shifts", explanation.shifts);
+  a("like_parameters", explanation.like_parameters);
+  a("like", explanation.like);
+  a("includes", explanation.includes);
+}
+
+void describe(auto&& a, OutlierRecord& outlier) {
+  a("line", outlier.line);
+  a("channel", outlier.channel);
+  a("measured", outlier.measured);
+  a("expected", outlier.expected);
+  a("off_sigmas", outlier.off);
+}
+
+void describe(auto&& a, RobustRecord& robust) {
+  a("method", robust.method);
+  a("values", robust.values);
+  a("standard_errors", robust.standard_errors);
+  a("outliers", robust.outliers);
+}
+
 void describe(auto&& a, ReferenceRecord& reference) {
   a("parameter", reference.parameter);
   a("value", reference.value);
@@ -183,6 +216,7 @@ void describe_readings(auto&& a, RunRecord& record) {
       if (!values.empty()) entry(key, values[i]);
     };
     describe(entry, reading);
+    if (entry.there("excluded", reading.excluded)) entry("excluded", reading.excluded);
     beside("load_N", record.load_newtons);
     beside("series", record.series);
   });
@@ -219,6 +253,8 @@ void describe(auto&& a, RunRecord& record) {
   a("status", record.fit.status);
   a("message", record.fit.message);
   a("parameters", record.fit.parameters);
+  if (a.there("explanations")) a("explanations", record.explanations);
+  if (a.there("robust", !record.robust.method.empty())) a("robust", record.robust);
   if (a.there("shares")) a("shares", record.shares);
   describe_fit(a["fit"], record);
   if (a.there("interrupted")) a("interrupted", record.interrupted);

@@ -26,15 +26,16 @@ struct Mode {
 /// Its numbers go to `csv`.
 Mode mode_of(Page& page, const RunRecord& record, const std::string& name, const std::vector<std::string>& series,
              std::string& csv) {
-  Rows points;
+  Rows points, excluded;
   Mode mode;
   for (const ReadingRecord& r : record.readings) {
     if (r.channel != name) continue;
     const double stress = r.measured / kKilopascal, sigma = r.sigma / kKilopascal;
-    points.push_back({r.controls.at(0) / kPerCent, stress, sigma});
+    (r.excluded ? excluded : points).push_back({r.controls.at(0) / kPerCent, stress, sigma});
     mode.strains.push_back(r.controls[0] / kPerCent);
     mode.stresses.insert(mode.stresses.end(), {stress - sigma, stress + sigma});
-    csv += line("reading", r.channel, "", r.controls[0], stress, sigma, "", "", (r.measured - r.predicted) / r.sigma);
+    csv += line(r.excluded ? "excluded" : "reading", r.channel, "", r.controls[0], stress, sigma, "", "",
+                (r.measured - r.predicted) / r.sigma);
   }
   for (const CurveRecord& curve : record.curves) {
     if (curve.channel != name) continue;
@@ -51,7 +52,7 @@ Mode mode_of(Page& page, const RunRecord& record, const std::string& name, const
     }
     band.draw(page, colour(s), mode.curves);
     for (const ReadingRecord& r : record.readings) {
-      if (r.channel != name) continue;
+      if (r.channel != name || r.excluded) continue;
       const double miss = (r.measured - at_strain(curve, r.controls.at(0))) / r.sigma;
       if (!std::isfinite(miss)) continue;
       misses.push_back({r.controls[0] / kPerCent, miss});
@@ -63,6 +64,7 @@ Mode mode_of(Page& page, const RunRecord& record, const std::string& name, const
   const std::string block = page.data(points);
   mode.curves.push_back(plotted(block, "yerrorbars pt 0 ps 0 lw 1.2", kBlack, "1:2:3"));
   mode.curves.push_back(plotted(block, fmt::format("points pt {} ps 1 lw 1.4", symbol(0)), kBlack));
+  add_excluded(page, excluded, mode.curves);
   return mode;
 }
 

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "reports/diagnostic.hpp"
+#include "reports/estimate_text.hpp"
 #include "reports/run_sections.hpp"
 #include "sim/core/units.hpp"
 
@@ -155,7 +156,7 @@ std::optional<Drawing> diagnostic(const RunRecord& record) {
     const double half = k95 * whole->standard_error;
     const double lower = whole->lower95.value_or(whole->value - half);
     const double upper = whole->upper95.value_or(whole->value + half);
-    add("all", static_cast<int>(record.readings.size()), whole->value, whole->standard_error, lower, upper,
+    add("all", static_cast<int>(fitted_readings(record)), whole->value, whole->standard_error, lower, upper,
         record.fit.chi_squared);
     Values& panel = panels.emplace_back(Values{whole, {}, std::pair(lower, upper)});
     for (const DiagnosticRecord* p : parts) {

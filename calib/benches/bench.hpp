@@ -27,7 +27,7 @@ AxisRecord make_axis(const ChannelSettings& channel);
 
 /// One measured number of a bench (of a recording, its trial), and the row of its protocol that predicts it.
 struct BenchReading : Reading {
-  int row = 0;
+  int row = 0;                         ///< -1: nothing predicts it, as it is excluded
   std::string series;                  ///< what is held besides the drawn control: "retraction 5.89 mm"; "": nothing
   std::optional<double> load_newtons;  ///< of a specimen at rest: the drawn control, a load as a force [N]
 };
@@ -118,7 +118,7 @@ class Bench {
 
   const Experiment& experiment() const { return experiment_; }                    ///< as its file has it
   const std::vector<BenchReading>& readings() const { return readings_; }         ///< in the order of their files
-  const std::vector<Measurement>& measurements() const { return measurements_; }  ///< one per reading
+  const std::vector<Measurement>& measurements() const { return measurements_; }  ///< one per fitted reading
   const std::vector<AxisRecord>& controls() const { return controls_; }           ///< what was set
   const std::vector<AxisRecord>& channels() const { return channels_; }           ///< what was measured
   int drawn_control() const { return drawn_control_; }             ///< over which figures are drawn; -1: none

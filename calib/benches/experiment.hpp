@@ -92,6 +92,7 @@ struct Experiment : Setup {
   std::string zero_offset_per;  ///< control id: the readings at each of its values share a zero error; "": none
   bool from_unloaded = false;
   bool all_profiles = false;  ///< profile likelihood for every free parameter, not only where the parabola fails
+  bool robust = false;        ///< a robust fit beside the least squares
   bool mesh_share = true;  ///< a fit says what each assumption adds to each parameter, mesh included; readings at rest
   Tolerances tolerances;   ///< of dimensions and constants that are not fitted, by their places in the file
   std::map<std::string, GivenValue>

@@ -30,6 +30,7 @@ void read_bench(TableReader table, Experiment& experiment) {
   bench.value_column = table.text("stress");
   bench.sigma_column = table.text("sigma", "");
   bench.ignored = table.columns_or_none("ignore");
+  bench.excluded = table.integers_or_none("exclude", 1);
   const InstrumentNoise noise = read_noise(table, Quantity::pressure);
   if (bench.sigma_column.empty() && !noise.given()) {
     table.fail("",
@@ -98,7 +99,7 @@ MaterialPointBench::MaterialPointBench(Experiment experiment, Trials trials, con
     const Reading& from = trials_.readings[i];
     const std::string& mode = trials_.channel_ids[static_cast<size_t>(from.channel)];
     if (std::find(fit_.modes.begin(), fit_.modes.end(), mode) == fit_.modes.end()) continue;
-    measurements_.push_back(rows_.measurements[i]);
+    if (!from.excluded) measurements_.push_back(rows_.measurements[i]);
     readings_.push_back({from, rows_.measurements[i].row, {}, {}});
   }
 }

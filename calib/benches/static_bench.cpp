@@ -231,7 +231,7 @@ std::unique_ptr<Bench> StaticBench::at_loads(const std::string& path) const {
 }
 
 std::string StaticBench::size_text() const {
-  return fmt::format("{} readings in {} conditions with {} unknowns", readings_.size(),
+  return fmt::format("{} readings in {} conditions with {} unknowns", measurements_.size(),
                      replay_.protocol->conditions().size(), unknowns());
 }
 

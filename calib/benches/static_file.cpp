@@ -17,6 +17,7 @@ void read_readings(TableReader& root, Experiment& experiment) {
   bench.value_column = table.text("value", "");
   bench.sigma_column = table.text("sigma", "");
   bench.ignored = table.columns_or_none("ignore");
+  bench.excluded = table.integers_or_none("exclude", 1);
   if (bench.channel_column.empty() != bench.value_column.empty())
     table.fail("", "'channel' and 'value' belong together: the columns that hold a channel's id and its reading");
   experiment.zero_offset_per = table.text("zero_offset_per", "");

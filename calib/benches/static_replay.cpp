@@ -18,17 +18,25 @@ BenchRows rows_of_readings(const Experiment& experiment, const BenchModel& model
   const size_t offset_control =
       experiment.zero_offset_per.empty() ? 0 : position_of_control(experiment, experiment.zero_offset_per);
   std::vector<StaticRow>& rows = bench.rows;
-  for (const Reading& reading : trials.readings) {
-    const auto same = std::find_if(rows.begin(), rows.end(), [&](const StaticRow& row) {
+  const auto row_of = [&](const Reading& reading) {
+    return std::find_if(rows.begin(), rows.end(), [&](const StaticRow& row) {
       return row.channel == reading.channel && row.controls == reading.controls;
     });
-    const int row = static_cast<int>(same - rows.begin());
+  };
+  for (const Reading& reading : trials.readings) {
+    bench.row_of_reading.push_back(-1);
+    if (reading.excluded) continue;
+    const auto same = row_of(reading);
+    const int row = bench.row_of_reading.back() = static_cast<int>(same - rows.begin());
     const auto offset = model.zero_offsets.empty() ? model.zero_offsets.end()
                                                    : model.zero_offsets.find(reading.controls[offset_control]);
     const int zero_offset = offset == model.zero_offsets.end() ? -1 : offset->second;
     if (same == rows.end()) rows.push_back({reading.controls, reading.channel, zero_offset});
-    bench.row_of_reading.push_back(row);
     bench.measurements.push_back({row, reading.value, reading.sigma, row});
+  }
+  for (size_t i = 0; i < trials.readings.size(); ++i) {
+    const auto same = row_of(trials.readings[i]);
+    if (same != rows.end()) bench.row_of_reading[i] = static_cast<int>(same - rows.begin());
   }
   return bench;
 }

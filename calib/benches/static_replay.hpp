@@ -10,8 +10,8 @@ namespace taut {
 /// Readings as rows: one row per distinct (controls, channel), readings of one row are repeats.
 struct BenchRows {
   std::vector<StaticRow> rows;
-  std::vector<int> row_of_reading;
-  std::vector<Measurement> measurements;
+  std::vector<int> row_of_reading;        ///< -1: an excluded reading without repeats, for which nothing is solved
+  std::vector<Measurement> measurements;  ///< of the readings that are not excluded
 };
 /// As the model numbers controls and channels.
 BenchRows rows_of_readings(const Experiment& experiment, const BenchModel& model, const Trials& trials);

@@ -60,7 +60,9 @@ std::string slip_of(double ratio, double tolerance) {
 
 std::vector<std::string> odd_repeats(const Trials& trials, const std::vector<std::string>& units) {
   std::map<std::pair<int, std::vector<double>>, std::vector<const Reading*>> groups;
-  for (const Reading& reading : trials.readings) groups[{reading.channel, reading.controls}].push_back(&reading);
+  for (const Reading& reading : trials.readings) {
+    if (!reading.excluded) groups[{reading.channel, reading.controls}].push_back(&reading);
+  }
   std::vector<std::string> found;
   for (const auto& group : groups) {
     const std::vector<const Reading*>& readings = group.second;
@@ -96,7 +98,7 @@ std::vector<std::string> out_of_proportion(const Trials& trials, const std::vect
   for (size_t c = 0; c < trials.channel_ids.size(); ++c) {
     const Reading* largest = nullptr;
     for (const Reading& reading : trials.readings) {
-      if (static_cast<size_t>(reading.channel) != c || units[c] != "m") continue;
+      if (static_cast<size_t>(reading.channel) != c || units[c] != "m" || reading.excluded) continue;
       if (largest == nullptr || std::abs(reading.value) > std::abs(largest->value)) largest = &reading;
     }
     if (largest != nullptr && std::abs(largest->value) > 3 * size)

@@ -26,6 +26,30 @@ bool contains(const std::vector<std::string>& names, std::string_view name) {
   return std::ranges::find(names, name) != names.end();
 }
 
+/// "2 to 5, 7": lines of the readings, all or those that are excluded.
+std::string lines_text(const std::vector<Reading>& readings, bool excluded_only) {
+  std::set<int> lines;
+  for (const Reading& reading : readings) {
+    if (reading.excluded || !excluded_only) lines.insert(reading.line);
+  }
+  std::string text;
+  for (auto from = lines.begin(); from != lines.end();) {
+    auto to = from;
+    while (std::next(to) != lines.end() && *std::next(to) == *to + 1) ++to;
+    text += fmt::format("{}{}", text.empty() ? "" : ", ", *from);
+    if (to != from) text += fmt::format("{}{}", *to == *from + 1 ? ", " : " to ", *to);
+    from = std::next(to);
+  }
+  return text;
+}
+
+/// "2 readings in lines 40, 41"; "" without any.
+std::string excluded_lines(const std::vector<Reading>& readings) {
+  const auto count = static_cast<size_t>(std::ranges::count_if(readings, &Reading::excluded));
+  if (count == 0) return "";
+  return counted(count, "reading", "readings") + (count == 1 ? " in line " : " in lines ") + lines_text(readings, true);
+}
+
 /// A column of numbers and what its cells are multiplied by.
 struct NumberColumn {
   size_t index = 0;
@@ -211,6 +235,8 @@ struct Sheet {
     summary += regular ? " x " + counted(most, "trial", "trials") : fmt::format(", {} to {} trials each", fewest, most);
     remarks.push_back(summary);
 
+    if (const std::string lines = excluded_lines(trials.readings); !lines.empty())
+      remarks.push_back("not fitted (exclude): " + lines);
     if (not_taken_count > 0)
       remarks.push_back(counted(not_taken_count, "reading", "readings") + " not taken (empty, NA, NaN, - or the like)");
     const std::string separators = table.separator == ';' ? "semicolons" : table.separator == '\t' ? "tabs" : "commas";
@@ -305,6 +331,21 @@ std::vector<std::string> names_of(const BenchFormat& format) {
   return names;
 }
 
+/// Marks the readings of the excluded lines.
+void exclude(const BenchFormat& format, std::vector<Reading>& readings) {
+  for (const int line : format.excluded) {
+    bool there = false;
+    for (Reading& reading : readings) {
+      if (reading.line == line) there = reading.excluded = true;
+    }
+    if (!there)
+      throw InputError(fmt::format("{}: line {} is to be excluded, but holds no reading; readings stand in line{} {}",
+                                   format.path, line, readings.size() == 1 ? "" : "s", lines_text(readings, false)));
+  }
+  if (std::ranges::all_of(readings, &Reading::excluded))
+    throw InputError(format.path + ": all readings are excluded; leave some of them to be fitted");
+}
+
 }  // namespace
 
 double InstrumentNoise::sigma(double reading) const {
@@ -352,6 +393,7 @@ Trials read_trials(const BenchFormat& format) {
     sheet.table.fail(sheet.table.rows.front().line,
                      "no row below the header has a reading: all {} are empty, NA or the like; fill them in",
                      sheet.not_taken_count);
+  exclude(format, trials.readings);
   trials.remarks = sheet.remarks_of(trials);
   trials.layout = sheet.table.layout(sheet.style.describe());
   return trials;

@@ -16,6 +16,7 @@ struct Reading {
   int channel = 0;               ///< index into Trials::channel_ids
   double value = 0;              ///< SI
   double sigma = 0;              ///< standard deviation, SI, > 0
+  bool excluded = false;         ///< shown, but not fitted
 };
 
 /// What an instrument is good for: sigma^2 = absolute^2 + (relative * reading)^2 + resolution^2 / 12.
@@ -50,6 +51,7 @@ struct BenchFormat {
   std::string value_column;          ///< long files: the column that holds the reading; else ""
   std::string sigma_column;          ///< optional: sigma per row (a length like the reading); overrides the noise
   std::vector<std::string> ignored;  ///< columns that are deliberately not used, by name or by number ("#3")
+  std::vector<int> excluded;         ///< lines whose readings are not fitted
 };
 
 /// All readings of a bench, repeats kept.
@@ -72,7 +74,8 @@ struct Trials {
 /// was not taken. Throws InputError, one sentence with file, line and column, for: missing file, empty file, header
 /// only, missing, duplicate or unknown column, wrong or missing unit, a control that is empty, text where a number
 /// belongs, infinity, a row with too few or too many cells, an unknown channel id, a reading that stands twice (same
-/// trial, controls and channel, both lines named), sigma not positive, no noise given at all, no reading at all.
+/// trial, controls and channel, both lines named), sigma not positive, no noise given at all, no reading at all, an
+/// excluded line without a reading, no reading that is not excluded.
 Trials read_trials(const BenchFormat& format);
 
 /// A line of a file that holds loads only: where to predict.

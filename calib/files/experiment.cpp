@@ -147,6 +147,7 @@ void read_fit(TableReader table, Experiment& experiment) {
     free.finish();
   }
   if (kind.specimen) experiment.all_profiles = table.choice<bool>("profiles", {{"doubtful", false}, {"all", true}});
+  experiment.robust = table.choice<bool>("robust", {{"none", false}, {"student", true}});
   if (kind.at_rest) experiment.mesh_share = table.boolean("mesh_share", true);
   if (auto diagnostic = kind.specimen ? table.optional_table("diagnostic") : std::nullopt) {
     experiment.diagnostic =

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <tuple>
 
+#include "calib/fit/robust.hpp"
 #include "calib/fit/spread.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/numbers.hpp"
@@ -138,6 +139,11 @@ class Run {
       record_.swings = bench_.swings(record_.fit.predicted);
       if (bench_.one_model()) stage("drawing curves", [&] { add_curves(bench_, record_.fit, free_, "curves"); });
       stage("drawing shapes", [&] { draw(); });
+      if (bench_.trials_at_rest() != nullptr)
+        stage("what would explain the misfit",
+              [&] { record_.explanations = explanations_of(bench_, record_.fit, asking("explanations")); });
+      if (bench_.experiment().robust && record_.fit.status == FitStatus::converged)
+        stage("the robust fit", [&] { fit_robustly(); });
       if (shares_wanted()) stage("the shares of what was assumed", [&] { find_shares(); });
       if (bench_.experiment().diagnostic && bench_.one_model()) diagnose();
     }
@@ -175,6 +181,23 @@ class Run {
     }
     for (const std::string& warning : bench_.warnings_after()) record_.remarks.push_back(warning);
     events_.states(states);
+  }
+
+  void fit_robustly() {
+    LoggedProtocol protocol(bench_.protocol(), log_, "robust", options_.stop);
+    protocol.forget();  // whatever came before: an interrupted run goes on to the same bits
+    const RobustFit found = robust_fit(protocol, bench_.measurements(), free_, record_.fit);
+    if (stopped()) return;
+    RobustRecord& robust = record_.robust;
+    robust = {found.method, found.values, found.standard_errors, {}};
+    size_t fitted = 0;
+    for (const BenchReading& reading : bench_.readings()) {
+      if (reading.excluded) continue;
+      const double off = found.residuals[static_cast<Eigen::Index>(fitted++)];
+      if (std::abs(off) > outlier_from)
+        robust.outliers.push_back({reading.line, bench_.channels()[static_cast<size_t>(reading.channel)].id,
+                                   reading.value, reading.value - off * reading.sigma, off});
+    }
   }
 
   bool shares_wanted() const {
@@ -317,7 +340,8 @@ RunRecord start_record(const Bench& bench) {
                                .measured = from.value,
                                .sigma = from.sigma,
                                .predicted = not_a_number,
-                               .prediction_se = not_a_number});
+                               .prediction_se = not_a_number,
+                               .excluded = from.excluded});
     if (from.load_newtons) record.load_newtons.push_back(*from.load_newtons);
     if (experiment.kind->specimen) record.series.push_back(from.series);
   }
@@ -335,9 +359,29 @@ RunRecord start_record(const Bench& bench) {
 void fill_predictions(const Bench& bench, const Eigen::VectorXd& values, const Eigen::VectorXd& standard_errors,
                       RunRecord& record) {
   for (size_t i = 0; i < record.readings.size(); ++i) {
+    if (bench.readings()[i].row < 0) continue;
     record.readings[i].predicted = values[bench.readings()[i].row];
     if (standard_errors.size() > 0) record.readings[i].prediction_se = standard_errors[bench.readings()[i].row];
   }
+}
+
+std::vector<Explanation> explanations_of(const Bench& bench, const FitResult& fit, const Ask& ask) {
+  const ParameterTable& table = bench.protocol().parameters();
+  ExplainedReadings readings;
+  for (const BenchReading& reading : bench.readings()) {
+    if (!reading.excluded) readings.readings.push_back(reading);
+  }
+  for (const AxisRecord& axis : bench.channels()) readings.channels.push_back({axis.id, axis.unit});
+  std::vector<int> columns;
+  for (const ParameterEstimate& estimate : fit.parameters) columns.push_back(table.index(estimate.spec.id));
+  for (const AxisRecord& axis : bench.controls()) {
+    readings.controls.push_back({axis.id, axis.unit});
+    columns.push_back(table.index(axis.id));
+  }
+  readings.load = bench.drawn_control();
+  const Prediction prediction = ask(bench.protocol(), fit.p, columns);
+  if (!prediction.complete()) throw InputError(prediction.failures.front());
+  return explain_misfit(readings, prediction, bench.measurements(), fit);
 }
 
 RunRecord run_fit(Bench& bench, RunRecord record, EvaluationLog& log, const RunOptions& options,

@@ -37,10 +37,14 @@ RunRecord start_record(const Bench& bench);
 void fill_predictions(const Bench& bench, const Eigen::VectorXd& values, const Eigen::VectorXd& standard_errors,
                       RunRecord& record);
 
+/// What would explain the misfit of a fit of readings at rest (explain_misfit()), from one prediction at its optimum
+/// with the derivatives with respect to the controls too, had by `ask`. Throws InputError where that fails.
+std::vector<Explanation> explanations_of(const Bench& bench, const FitResult& fit, const Ask& ask);
+
 /// The whole of `taut fit` on a bench: the fit, and once that is kept, stage by stage, a cold replay, curves, shapes,
-/// shares of mesh and contact gap, parts of the readings alone, variants. A stage that throws is a sentence among the
-/// record's remarks and costs itself alone. What the log knows is not computed again. When the fit fails at its start
-/// (FitStatus::start_failed), nothing follows and nothing is kept.
+/// what would explain the misfit, the robust fit, shares of mesh and contact gap, parts of the readings alone,
+/// variants. A stage that throws is a sentence among the record's remarks and costs itself alone. What the log knows is
+/// not computed again. When the fit fails at its start (FitStatus::start_failed), nothing follows and nothing is kept.
 RunRecord run_fit(Bench& bench, RunRecord record, EvaluationLog& log, const RunOptions& options = {},
                   const RunEvents& events = {});
 

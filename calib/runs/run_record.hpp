@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "calib/benches/bench.hpp"
+#include "calib/fit/explanations.hpp"
 #include "calib/fit/fit.hpp"
 #include "calib/runs/shapes.hpp"
 #include "calib/studies/assumption_shares.hpp"
@@ -36,6 +37,7 @@ struct ReadingRecord {
   std::string trial, channel;
   std::vector<double> controls;                                      ///< SI
   double measured = 0, sigma = 0, predicted = 0, prediction_se = 0;  ///< SI
+  bool excluded = false;                                             ///< not fitted; predicted where repeats of it are
 };
 
 /// A refit with another element or mesh.
@@ -54,6 +56,21 @@ struct DiagnosticRecord {
   double value = 0, standard_error = 0;  ///< SI; NaN where that fit failed
   double chi_squared = 0;
   int readings = 0;
+};
+
+/// A reading that a robust fit gives next to no weight.
+struct OutlierRecord {
+  int line = 0;
+  std::string channel;
+  double measured = 0, expected = 0;  ///< SI; what the robust fit says
+  double off = 0;                     ///< measured - expected, over sigma
+};
+
+/// The robust fit beside the main one.
+struct RobustRecord {
+  std::string method;                           ///< "" when it was not asked for
+  std::vector<double> values, standard_errors;  ///< per free parameter, SI
+  std::vector<OutlierRecord> outliers;
 };
 
 /// A published value beside the fitted one.
@@ -78,7 +95,9 @@ struct RunRecord {
   std::vector<double> load_newtons;        ///< per reading: the load as a force [N]
   std::vector<std::string> series;         ///< per reading: as CurveRecord::series
   std::vector<std::string> parameter_ids;  ///< of fit.p, in its order
-  FitResult fit;              ///< fit.parameters, statistics; fit.predicted etc. are per protocol row and not stored
+  FitResult fit;  ///< fit.parameters, statistics; fit.predicted etc. are per protocol row and not stored
+  std::vector<Explanation> explanations;  ///< of the misfit, best first; most are none (telling())
+  RobustRecord robust;
   std::vector<Share> shares;  ///< of what was assumed in fit.parameters; empty: not asked for
   std::vector<ReadingRecord> readings;
   std::vector<CurveRecord> curves;

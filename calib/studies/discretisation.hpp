@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "calib/benches/static_replay.hpp"
+#include "calib/fit/gauss_newton.hpp"
 
 namespace taut {
 
@@ -15,9 +16,6 @@ MeshSettings most_accurate(const Experiment& experiment, const MeshSettings& set
 
 /// Mean edge of an element over the specimen's size.
 double element_size(const Mesh& mesh);
-
-/// What changes of a free parameter are relative to: its value if it is logarithmic, else its range.
-double scale_of(const FreeParameter& parameter, const ParameterTable& table, const Params& p);
 
 /// What values on successively finer meshes tend to: Richardson's extrapolation and a grid convergence index
 /// (Celik et al., J. Fluids Eng. 130, 2008).
@@ -34,14 +32,6 @@ struct Extrapolation {
 /// unlike materials, so that the error covers higher ones. Where differences grow, turn, or shrink more slowly than
 /// with p = 0.5, no extrapolation and 3 times the last difference as error.
 Extrapolation extrapolate(const std::vector<double>& h, const Eigen::MatrixXd& values, double highest_order);
-
-/// One Gauss-Newton step of a fit's weighted least squares from the parameters `p`, at which `prediction` holds values
-/// and derivatives: what fit() would find with this model, to first order in 1/E for logarithmic parameters (in which
-/// displacements of a linear solid are linear), within the bounds of `free`, by at most a factor of three. Parameters
-/// that the readings do not see stay, by the regularised inverse of fit(). Returns the change on the fitted scale: of
-/// the logarithm for logarithmic parameters, else SI.
-Eigen::VectorXd gauss_newton_step(const Prediction& prediction, const std::vector<Measurement>& measurements,
-                                  const ParameterTable& table, const Params& p, const std::vector<FreeParameter>& free);
 
 /// How much of each fitted parameter is a matter of something that is not noise: how the specimen was cut into
 /// elements, a plane model, a number that was taken for granted.

@@ -25,7 +25,7 @@ namespace po = boost::program_options;
 double sigma_at(const RunRecord& record, const std::string& channel, double load) {
   std::map<double, std::pair<double, int>> by_load;  // load to sum of sigma^2 and count
   for (size_t i = 0; i < record.readings.size(); ++i) {
-    if (record.readings[i].channel != channel) continue;
+    if (record.readings[i].channel != channel || record.readings[i].excluded) continue;
     auto& [sum, count] = by_load[record.load_newtons[i]];
     sum += record.readings[i].sigma * record.readings[i].sigma;
     ++count;

@@ -75,6 +75,30 @@ void print_parameter(const RunRecord& record, size_t j) {
              std::isfinite(e.standard_error) ? bare_beside(e.value, e.standard_error, e.spec.unit) : "unknown", shares,
              total, interval_text(e, e.lower95, e.upper95), name_of(e.verdict), e.explanation,
              limit.empty() ? "" : "  " + limit + "\n", biases, unstated_text(record, j));
+  if (!record.robust.method.empty())
+    fmt::print("  robust fit: {} +- {}\n", with_unit(record.robust.values[j], e.spec.unit),
+               bare_beside(record.robust.values[j], record.robust.standard_errors[j], e.spec.unit));
+}
+
+/// What would explain the misfit, best first.
+void print_explanations(const RunRecord& record) {
+  const std::vector<Explanation> told = telling(record.explanations);
+  if (told.empty()) return;
+  fmt::print(
+      "what would explain that, best first and each by itself, to first order (none of it is shown; p is corrected for "
+      "all that was tried):\n");
+  for (const Explanation& e : told) {
+    const std::string then = parameters_with(record, e), unlike = cannot_be_told_from(e);
+    fmt::print("  {:>8.4g} for {:<4} p {:<12} {}{}{}\n", e.chi_squared, e.dof, small_probability(e.p_value), e.what,
+               then.empty() ? "" : "; then " + then, unlike.empty() ? "" : "; " + unlike);
+  }
+}
+
+void print_robust(const RunRecord& record) {
+  if (record.robust.method.empty()) return;
+  const std::string outliers = robust_outliers(record);
+  fmt::print("robust fit ({}): {}\n", record.robust.method,
+             outliers.empty() ? "no reading is set aside" : "all but sets aside " + outliers);
 }
 
 void print_goodness(const FitResult& fit) {
@@ -120,11 +144,12 @@ void print_readings(const RunRecord& record) {
     for (size_t k = 0; k < reading.controls.size(); ++k)
       controls += fmt::format("{}{}", k == 0 ? "" : ", ", with_unit(reading.controls[k], record.controls[k].unit));
     const double residual = reading.measured - reading.predicted;
+    const char* excluded = reading.excluded ? "  not fitted" : "";
     const WrittenUnit unit = written_unit(channel_axis(record, reading.channel).unit);
-    fmt::print("{:>5}  {:<12} {:<14} {:<28} {:>8.3f} {} {:>8.3f} {} {:>6.3f} {} {:>8.2f}\n", reading.line,
+    fmt::print("{:>5}  {:<12} {:<14} {:<28} {:>8.3f} {} {:>8.3f} {} {:>6.3f} {} {:>8.2f}{}\n", reading.line,
                reading.trial, reading.channel, controls, reading.measured / unit.factor, unit.label,
                reading.predicted / unit.factor, unit.label, residual / unit.factor, unit.label,
-               residual / reading.sigma);
+               residual / reading.sigma, excluded);
   }
 }
 
@@ -159,11 +184,13 @@ void print_fit(const RunRecord& record) {
         "THE MODEL DOES NOT DESCRIBE THE READINGS: it misses them by {:.2g} standard deviations (root mean square); "
         "look for the readings that it misses most, units and signs, dimensions and the law, before the values below\n",
         std::sqrt(fit.chi_squared / fit.dof));
-    const std::string outlier = outlier_text(record);
-    if (!outlier.empty()) fmt::print("  {}\n", outlier);
   }
+  if (const std::string first = look_first(record); !first.empty()) fmt::print("{}\n", first);
+  if (const std::string excluded = excluded_text(record); !excluded.empty()) fmt::print("{}\n", excluded);
   for (size_t j = 0; j < fit.parameters.size(); ++j) print_parameter(record, j);
   print_goodness(fit);
+  print_explanations(record);
+  print_robust(record);
   for (const DiagnosticRecord& diagnostic : record.diagnostics) {
     const auto e = estimate_of(diagnostic.parameter);
     if (e == fit.parameters.end()) continue;

@@ -16,6 +16,7 @@
 #include "reports/report.hpp"
 #include "reports/vtu.hpp"
 #include "sim/core/error.hpp"
+#include "sim/core/numbers.hpp"
 #include "sim/core/stopwatch.hpp"
 #include "sim/core/units.hpp"
 
@@ -120,7 +121,9 @@ Json replay_json(const Replay& replay, const Bench& bench) {
              {"controls", r.controls},
              {key("measured", record, r.channel), r.measured},
              {key("predicted", record, r.channel), r.predicted}};
-    if (const std::optional<RowModel> model = bench.model_of(bench.readings()[i].row)) {
+    if (r.excluded) row["excluded"] = true;
+    const int predicted_by = bench.readings()[i].row;
+    if (const auto model = predicted_by < 0 ? std::nullopt : bench.model_of(predicted_by)) {
       row["model"] = model->name;
       row["model_error"] = std::isfinite(model->error) ? Json(model->error) : Json();
     }
@@ -167,7 +170,8 @@ Replay replay_bench(const CommandOptions& options, const Bench& bench, const Par
   replay.record.replay_seconds = watch.seconds();
   if (options.sensitivities) {
     for (const BenchReading& reading : bench.readings()) {
-      const Eigen::VectorXd row = replay.prediction.derivatives.row(reading.row);
+      Eigen::VectorXd row = Eigen::VectorXd::Constant(replay.prediction.derivatives.cols(), not_a_number);
+      if (reading.row >= 0) row = replay.prediction.derivatives.row(reading.row);
       replay.derivatives.emplace_back(row.begin(), row.end());
     }
     if (bench.one_model()) replay.stiffness = bench.tangent_stiffness();

@@ -117,6 +117,7 @@ const std::vector<Topic>& all_topics() {
       {"exit-codes", "what the command returns", experiments, "## Exit codes"},
       {"verdicts", "how well the readings determine a parameter", experiments, "## Verdicts"},
       {"intervals", "what an interval counts", experiments, "## Intervals"},
+      {"misfit", "what would explain one", experiments, "## What would explain a misfit"},
       {"glossary", "words of our own", "CONTRIBUTING.md", "## Words of the house"},
   };
   return all;

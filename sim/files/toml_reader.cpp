@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <limits>
 
 #include "sim/core/error.hpp"
 #include "sim/core/text_encoding.hpp"
@@ -238,6 +239,18 @@ std::vector<std::string> TableReader::columns_or_none(std::string_view key) {
     values.push_back(name ? *name : fmt::format("#{}", *number));
   }
   if (values.empty()) fail(key, "the list is empty");
+  return values;
+}
+
+std::vector<int> TableReader::integers_or_none(std::string_view key, int smallest) {
+  std::vector<int> values;
+  if (!has(key)) return values;
+  for (const toml::node& node : Nodes::array(*this, key, 0)) {
+    const auto number = node.value_exact<int64_t>();
+    if (!number || *number < smallest || *number > std::numeric_limits<int>::max())
+      fail(key, fmt::format("the list must hold whole numbers from {}", smallest));
+    values.push_back(static_cast<int>(*number));
+  }
   return values;
 }
 

@@ -81,6 +81,8 @@ class TableReader {
   std::vector<std::string> texts_or_none(std::string_view key);     ///< none when it is not there
   /// Names of columns, or their numbers from 1 as "#3"; none when it is not there.
   std::vector<std::string> columns_or_none(std::string_view key);
+  /// [40, 41], each at least `smallest`; none when it is not there.
+  std::vector<int> integers_or_none(std::string_view key, int smallest);
   /// A sub-table; required.
   TableReader table(std::string_view key);
   /// A sub-table or an empty one.

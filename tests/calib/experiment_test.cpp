@@ -119,6 +119,24 @@ TEST_F(ExperimentFile, StartAndBoundsThatAreNotGivenComeFromTheModel) {
 
 // ---- loads, each against another way to say the same
 
+TEST_F(ExperimentFile, ARobustFitIsMadeWhereTheFileAsksForIt) {
+  const auto asked = [&](const std::string& toml) {
+    return read_experiment(folder_.write("experiment.toml", toml)).robust;
+  };
+  EXPECT_FALSE(asked(beam_toml));
+  EXPECT_TRUE(asked(beam_toml + "\n[fit]\nrobust = \"student\"\n"));
+}
+
+TEST_F(ExperimentFile, AnExcludedReadingWithoutRepeatsCostsNoSimulation) {
+  folder_.write("bench.csv", beam_csv + "b,7,3\n");
+  const std::string toml = replaced(beam_toml, "trial = \"trial\"", "trial = \"trial\"\nexclude = [4, 6]");
+  const Experiment e = read_experiment(folder_.write("experiment.toml", toml));
+  const StaticReplay bench = make_static_replay(e, e.mesh, read_trials(e.bench));
+  EXPECT_EQ(bench.protocol->row_count(), 2);
+  EXPECT_EQ(bench.measurements.size(), 3u);
+  EXPECT_EQ(bench.row_of_reading, (std::vector<int>{0, 1, 0, 1, -1}));
+}
+
 TEST_F(ExperimentFile, TheMeshsShareIsAskedForUnlessTheFileSaysNo) {
   const auto asked = [&](const std::string& toml) {
     return read_experiment(folder_.write("experiment.toml", toml)).mesh_share;

@@ -10,7 +10,7 @@ namespace {
 
 using namespace test;
 
-struct RingSetup {
+struct ProtocolSetup {
   std::vector<std::vector<double>> rows;  ///< force [N], push [N]
   bool from_unloaded = false;
   int threads = 1;
@@ -20,7 +20,7 @@ struct RingSetup {
 /// A clamped beam of two regions that bends by a good part of its length under its weight, a force on its end and a
 /// push on its top; channels: mean deflection of the end, and a marker that turns with it. Two rows per load, one per
 /// channel.
-StaticProtocol beam(const RingSetup& setup) {
+StaticProtocol beam(const ProtocolSetup& setup) {
   Mesh mesh = rectangle(graded(0.06, 12), graded(0.012, 3), 1, "soft");
   assign_regions(mesh, [](const Eigen::VectorXd& c) { return c[0] < 0.03 ? "soft" : "firm"; });
   SceneBuilder builder(std::move(mesh), Plane::strain, 0.02);

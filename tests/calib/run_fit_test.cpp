@@ -49,9 +49,9 @@ TEST_F(RunFit, AStageThatThrowsIsARemarkAndCostsItselfAlone) {
     EXPECT_EQ(record.fit.p, whole.fit.p) << faulty;
     EXPECT_EQ(kept, static_cast<int>(stages.size()) + 1) << "after the fit and after each stage";
     const size_t parts = record.curves.size() + record.shapes.size() + record.shares.size() +
-                         record.diagnostics.size() + record.variants.size();
+                         record.diagnostics.size() + record.variants.size() + record.explanations.size();
     const size_t all = whole.curves.size() + whole.shapes.size() + whole.shares.size() + whole.diagnostics.size() +
-                       whole.variants.size();
+                       whole.variants.size() + whole.explanations.size();
     EXPECT_TRUE(parts < all || faulty == "the replay") << faulty;
   }
 }

@@ -600,5 +600,22 @@ TEST_F(ReadTrials, AContradictoryDescriptionIsRefused) {
   expect_refused(kGood, {"channel 'drop' has no column"});
 }
 
+TEST_F(ReadTrials, ExcludedLinesAreMarkedCountedAndAllowedOnlyWhereReadingsAre) {
+  use_only("drop_mm");
+  const std::string text = "drop_mm\n1\n2\n\n3\n4\n";
+  format_.excluded = {3, 5};
+  const Trials trials = read(text);
+  std::vector<int> excluded;
+  for (const Reading& reading : trials.readings) {
+    if (reading.excluded) excluded.push_back(reading.line);
+  }
+  EXPECT_EQ(excluded, (std::vector<int>{3, 5}));
+  EXPECT_EQ(trials.remarks.at(1), "not fitted (exclude): 2 readings in lines 3, 5");
+  format_.excluded = {4};
+  expect_refused(text, {"line 4", "holds no reading", "readings stand in lines 2, 3, 5, 6"});
+  format_.excluded = {2, 3, 5, 6};
+  expect_refused(text, {"all readings are excluded"});
+}
+
 }  // namespace
 }  // namespace taut

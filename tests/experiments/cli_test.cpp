@@ -1,3 +1,4 @@
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <chrono>
@@ -289,6 +290,58 @@ TEST_F(Command, AFitTellsPeopleItsResultOnStdout) {
   EXPECT_EQ(fit.err, "");
   expect_holds(fit.out, {"SIMULATED DATA", "E_foam = ", "95 % interval", "well determined", "chi squared"});
   expect_holds(fit.out, {"(noise) +- ", " (mesh), ", "  the mesh makes it "});
+}
+
+TEST_F(Command, AnExcludedLineIsCountedByCheckSaidByTheFitAndStruckOutInTheReport) {
+  simulate_readings();
+  folder_.write("beam/bench.csv", text_of(folder_ / "beam/bench.csv") + "b,0.07,55\n");
+  const auto exclude = [&](const std::string& lines) {
+    folder_.write("beam/experiment.toml",
+                  replaced(beam_toml, "trial = \"trial\"", "trial = \"trial\"\nexclude = [" + lines + "]"));
+  };
+  exclude("6");
+  expect_holds(taut({"check", experiment_}).out, {"not fitted (exclude): 1 reading in line 6"});
+  const std::string run = folder_ / "run";
+  const Outcome fit = taut({"fit", experiment_, "--out", run});
+  ASSERT_EQ(fit.code, 0) << fit.err;
+  expect_holds(fit.err, {"fitting 4 readings in 2 conditions"});
+  expect_holds(fit.out, {"Not fitted: line 6 (1 reading).", "for 3 degrees of freedom"});
+  const json readings = json::parse(text_of(run + "/fit.json")).at("readings");
+  EXPECT_EQ(readings.at(4).at("excluded"), true);
+  EXPECT_FALSE(readings.at(3).contains("excluded"));
+  EXPECT_TRUE(readings.at(4).at("predicted").is_null()) << "nothing is solved for it";
+  expect_holds(text_of(run + "/report.html"), {"<s>55.000</s>", "not fitted", "Not fitted: line 6 (1 reading)."});
+  expect_holds(text_of(run + "/predictions.csv"), {"normalised_residual,excluded\n"});
+  expect_holds(text_of(run + "/figures/force_displacement.csv"), {"excluded,tip,"});
+  expect_holds(taut({"replay", experiment_, "--quiet"}).out, {"  not fitted\n"});
+  EXPECT_EQ(taut({"replay", experiment_, "--quiet", "--json", "--sensitivities"}).code, 0);
+  EXPECT_EQ(taut({"report", run}).code, 0);
+  exclude("7");
+  const Outcome wrong = taut({"check", experiment_});
+  EXPECT_EQ(wrong.code, 2);
+  expect_holds(wrong.err, {"line 7", "holds no reading", "lines 2 to 6"});
+}
+
+TEST_F(Command, WhatWouldExplainTheMisfitAndTheRobustFitAreTold) {
+  std::string csv = "trial,pull_N,tip_mm\n";
+  for (const char* trial : {"a", "b", "c", "d"}) csv += fmt::format("{0},0.05,2\n{0},0.1,3.94\n{0},0.15,5.75\n", trial);
+  folder_.write("beam/bench.csv", replaced(csv, "c,0.1,3.94", "c,0.1,39.4"));
+  folder_.write("beam/experiment.toml", beam_toml + "\n[fit]\nrobust = \"student\"\n");
+  const std::string run = folder_ / "run";
+  const Outcome fit = taut({"fit", experiment_, "--out", run, "--quiet"});
+  ASSERT_EQ(fit.code, 0) << fit.err;
+  expect_holds(fit.out, {"What would explain the misfit: line 9 alone being off: +35.",
+                         "larger by 10: a slipped decimal", "what would explain that, best first", "then E_foam = ",
+                         "exclude = [9]", "  robust fit: ", "all but sets aside line 9 (tip): 39.4 mm"});
+  expect_holds(text_of(run + "/report.html"), {"What would explain the misfit", "line 9 alone being off", "Robust fit",
+                                               "It all but sets aside: line 9"});
+  const json result = json::parse(text_of(run + "/fit.json"));
+  EXPECT_EQ(result.at("explanations").at(0).at("lines"), json({9}));
+  EXPECT_EQ(result.at("robust").at("outliers").at(0).at("line"), 9);
+  EXPECT_NEAR(result.at("robust").at("values").at(0).get<double>() -
+                  result.at("parameters").at(0).at("value").get<double>() -
+                  result.at("explanations").at(0).at("shifts").at(0).get<double>(),
+              0, 0.2 * result.at("robust").at("values").at(0).get<double>());
 }
 
 TEST_F(Command, AnAccuracyChartGoesOnWhereTheLastOneEnded) {
