@@ -113,6 +113,38 @@ TEST_F(RunRecordTest, ProfilesAndDiagnosticsSurviveFailedOnesAsNull) {
   EXPECT_EQ(again.diagnostics[1].part, "retraction = 5.89 mm");
 }
 
+TEST_F(RunRecordTest, ExplanationsTheRobustFitAndExcludedReadingsSurviveAndOlderFilesHaveNone) {
+  RunRecord record = test::hanging_block();
+  Explanation& zero = record.explanations.emplace_back();
+  zero.kind = "zero error";
+  zero.what = "a zero error of 'tip': +0.20 +- 0.01 mm";
+  zero.lines = {4, 7};
+  zero.values = {2e-4};
+  zero.p_value = 1e-9;
+  zero.shifts = {-310};
+  zero.like = {"a drift"};
+  record.robust = {"Student's t", {2.7e5}, {1.7e3}, {{9, "tip_top", -0.02, -0.01, -12}}};
+  record.readings[3].excluded = true;
+  write_file(path("fit.json"), to_json(record));
+  const RunRecord again = read_run(folder_.string());
+  ASSERT_EQ(again.explanations.size(), 1u);
+  const Explanation& read = again.explanations[0];
+  EXPECT_EQ(std::tie(read.kind, read.what, read.lines, read.values, read.p_value, read.shifts, read.like),
+            std::tie(zero.kind, zero.what, zero.lines, zero.values, zero.p_value, zero.shifts, zero.like));
+  EXPECT_EQ(again.robust.values, record.robust.values);
+  ASSERT_EQ(again.robust.outliers.size(), 1u);
+  EXPECT_EQ(again.robust.outliers[0].off, -12);
+  for (size_t i = 0; i < again.readings.size(); ++i) EXPECT_EQ(again.readings[i].excluded, i == 3);
+  write_edited([](auto& json) { json.erase("explanations"); });
+  EXPECT_TRUE(read_run(folder_.string()).explanations.empty());
+  EXPECT_EQ(read_run(folder_.string()).robust.method, "");
+  write_edited([&](auto& json) { json["explanations"] = {{{"kind", "zero error"}}}; });
+  expect_input_error([&] { read_run(folder_.string()); }, {"explanations[0].name"});
+  zero.shifts = {1, 2};
+  write_file(path("fit.json"), to_json(record));
+  expect_input_error([&] { read_run(folder_.string()); }, {"explanations[0].shifts", "one number for each parameter"});
+}
+
 TEST_F(RunRecordTest, SharesOfMeshAndContactGapSurviveAndOlderFilesHaveNone) {
   RunRecord record = test::hanging_block();
   record.shares = {{"mesh", {-412.5}, {190}, "from three meshes", 9.5}, {"contact gap", {kNaN}, {kNaN}, "failed", 1}};
