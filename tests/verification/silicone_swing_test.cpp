@@ -86,6 +86,7 @@ TEST(SlowSiliconeSwing, AFitFindsTheModulusOfACantileverAndTheDampingThatTheTurn
   const auto value = [&](const std::string& id) { return found.p[quick.bench.protocol->parameters().index(id)]; };
   const std::map<std::string, double> masses{{"load52", 52.016e-3}, {"load101", 102.031e-3}};
   const std::vector<RecordingSettings>& recordings = recordings_of(quick.experiment).recordings;
+  double mean = 0;
   for (size_t r = 0; r < recordings.size(); ++r) {
     const std::string& load = recordings[r].case_id;
     const Turns seen = turns_of(quick.of(static_cast<int>(r)));
@@ -95,9 +96,11 @@ TEST(SlowSiliconeSwing, AFitFindsTheModulusOfACantileverAndTheDampingThatTheTurn
         "%s: E %.5g, measured %.4f of the cantilever's frequency; damping %.4g s, of the decay %.4g s (%.3g /s)\n",
         load.c_str(), value("E_silicone"), seen.frequency / expected, value("stiffness_damping_silicone_" + load),
         damping, seen.decay);
-    EXPECT_NEAR(seen.frequency / expected, 1, 0.012) << load << ": a modulus 3 % off shows as 1.5 %";
+    mean += seen.frequency / expected / static_cast<double>(recordings.size());
+    EXPECT_NEAR(seen.frequency / expected, 1, 0.02) << load;
     EXPECT_NEAR(value("stiffness_damping_silicone_" + load) / damping, 1, 0.1) << load;
   }
+  EXPECT_NEAR(mean, 1, 0.012) << "one modulus serves both; 3 % off shows as 1.5 %";
 }
 
 TEST(SlowSiliconeSwing, AHungLoadMovesAsAMassNotAsAForceAlone) {
