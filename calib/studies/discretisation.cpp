@@ -22,7 +22,7 @@ namespace {
 
 /// Quadratic elements would converge with order 4 where all is smooth. Beside a clamped corner it is 1.4 to 1.7, and a
 /// higher one that coarse meshes show is not to be trusted.
-constexpr double highest_order = 2;
+constexpr double trusted_order = 2;
 constexpr double lowest_order = 0.5;  ///< slower than beside any corner: no convergence to speak of
 
 /// A mesh to extrapolate from.
@@ -105,7 +105,7 @@ struct Fitted {
     }
     if (levels.size() < 2 && (levels.empty() || levels.front().own))
       return unknown("the mesh can be neither refined nor coarsened");
-    const Extrapolation limit = extrapolate(h, steps, highest_order);
+    const Extrapolation limit = extrapolate(h, steps, trusted_order);
     std::string how = "one Gauss-Newton step at the optimum with " + join(names, "; ");
     if (levels.size() == 1)
       how += "; there is no other mesh to tell how far that is from the limit";

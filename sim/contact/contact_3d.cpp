@@ -66,8 +66,8 @@ struct SpaceSurface : ContactSurface<3, Contact3dSettings> {
   /// visit(vertex, triangle) and visit_edges(edge, edge) for all that could touch and whose boxes meet.
   template <class BoxOf, class Visit, class VisitEdges>
   void visit_pairs(BoxOf&& box_of, Visit&& visit, VisitEdges&& visit_edges) const;
-  /// Pairs nearer than `reach`, and edges nearer than `edge_reach`, both sorted.
-  std::pair<std::vector<Near>, std::vector<Near>> pairs_within(const State& s, double reach, double edge_reach,
+  /// Pairs nearer than `reach`, and edges nearer than `reach_of_edges`, both sorted.
+  std::pair<std::vector<Near>, std::vector<Near>> pairs_within(const State& s, double reach, double reach_of_edges,
                                                                bool brute_force = false) const;
   int stiffness_at(const Params& p, const IndexLists& features, int feature) const {
     return softest(p, features[feature], settings.stiffness);
@@ -179,7 +179,7 @@ void SpaceSurface::visit_pairs(BoxOf&& box_of, Visit&& visit, VisitEdges&& visit
 }
 
 std::pair<std::vector<SpaceSurface::Near>, std::vector<SpaceSurface::Near>> SpaceSurface::pairs_within(
-    const State& s, double reach, double edge_reach, bool brute_force) const {
+    const State& s, double reach, double reach_of_edges, bool brute_force) const {
   std::vector<Near> points, lines;
   const auto look = [&](int v, int t) {
     const Closest3 closest = vertex_triangle(s, v, t);
@@ -187,7 +187,7 @@ std::pair<std::vector<SpaceSurface::Near>, std::vector<SpaceSurface::Near>> Spac
   };
   const auto look_at_edges = [&](int e, int f) {
     const Closest3 closest = closest_of_edges(s, e, f);
-    if (closest.distance < edge_reach) lines.push_back({e, f, closest});
+    if (closest.distance < reach_of_edges) lines.push_back({e, f, closest});
   };
   if (brute_force) {
     for (int v = 0; v < vertices(); ++v) {
@@ -204,7 +204,7 @@ std::pair<std::vector<SpaceSurface::Near>, std::vector<SpaceSurface::Near>> Spac
   }
   // Half of the reach around both sides. Positions are rounded, relative positions less so: a little more loses no
   // pair.
-  const double margin = 0.5 * std::max(reach, edge_reach) * (1 + 1e-6) + s.rounding();
+  const double margin = 0.5 * std::max(reach, reach_of_edges) * (1 + 1e-6) + s.rounding();
   const Places x = s.positions();
   visit_pairs([&](int v) { return Box3(x.col(v).array() - margin, x.col(v).array() + margin); }, look, look_at_edges);
   std::sort(points.begin(), points.end());

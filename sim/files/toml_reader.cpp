@@ -141,7 +141,7 @@ std::string TableReader::text(std::string_view key) {
 }
 
 std::string TableReader::text(std::string_view key, std::string fallback) {
-  return has(key) ? text(key) : fallback;
+  return has(key) ? text(key) : std::move(fallback);
 }
 
 std::string TableReader::choice(std::string_view key, const std::vector<std::string>& allowed) {

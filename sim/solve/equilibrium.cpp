@@ -637,9 +637,11 @@ bool Equilibrium::goes_on_shorter(const Params& next, bool allowed) {
 /// A body that is not quite symmetric softens so much near its critical load that even short steps fail: once a solve
 /// would give up there, the rest of it goes as after a saddle.
 bool Equilibrium::goes_on_patiently(double& step, int& most_iterations) {
+  constexpr double patient_step = 1.0 / 64;
+  if (std::ldexp(1.0, -options_.max_halvings) > patient_step) return false;  // asked not to
   if (report_.status != SolveStatus::load_step_limit || patient_ || indefinite_ == 0) return false;
   patient_ = true;
-  step = 1.0 / 64;
+  step = patient_step;
   most_iterations = report_.iterations + options_.max_total_iterations;
   return true;
 }

@@ -143,7 +143,8 @@ bool TimeStepper::advance(double until) {
       next_step_ = shortened || h < next_step_ ? std::min(options_.step, 2 * h) : options_.step;
     }
     const bool two_steps = before != nullptr;
-    before_.assign(1, std::move(now_));
+    before_.clear();
+    before_.push_back(std::move(now_));
     now_ = std::move(next);
     minimiser_.step_moved_to(now_.step);
     if (tracked_ > 0) follow_derivatives(two_steps);

@@ -28,7 +28,7 @@ Trials one_load(double force) {
   return trials;
 }
 
-Eigen::VectorXd replayed_values(const Experiment& experiment, const Trials& trials) {
+Eigen::VectorXd displacements(const Experiment& experiment, const Trials& trials) {
   const StaticReplay bench = make_static_replay(experiment, experiment.mesh, trials);
   const Prediction prediction = bench.protocol->predict(bench.protocol->nominal(), {});
   for (const std::string& failure : prediction.failures) ADD_FAILURE() << failure;
@@ -37,11 +37,11 @@ Eigen::VectorXd replayed_values(const Experiment& experiment, const Trials& tria
 
 TEST(Solid, AWideCantileverLiesBetweenPlaneStressAndPlaneStrainWhereTheFullBodyDoes) {
   const double thickness = 0.03, force = 2e-3;
-  const double stress = replayed_values(cantilever(thickness, Plane::stress), one_load(force))[0];
-  const double strain = replayed_values(cantilever(thickness, Plane::strain), one_load(force))[0];
+  const double stress = displacements(cantilever(thickness, Plane::stress), one_load(force))[0];
+  const double strain = displacements(cantilever(thickness, Plane::strain), one_load(force))[0];
   Experiment solid = cantilever(thickness, Plane::strain);
   solid.mesh.depth_cells = 3;
-  const double half = replayed_values(solid, one_load(force))[0];
+  const double half = displacements(solid, one_load(force))[0];
   EXPECT_GT(half, strain + 0.1 * (stress - strain));
   EXPECT_LT(half, stress - 0.1 * (stress - strain));
 
@@ -56,14 +56,14 @@ TEST(Solid, AWideCantileverLiesBetweenPlaneStressAndPlaneStrainWhereTheFullBodyD
   box.mesh.cells = {16, 2, 6};
   box.supports[0].fix = {0, 1, 2};
   box.loads[0].direction = box.channels[0].direction = {0, -1, 0};
-  EXPECT_NEAR(half / replayed_values(box, one_load(force))[0], 1, 2e-3);
+  EXPECT_NEAR(half / displacements(box, one_load(force))[0], 1, 2e-3);
 }
 
 TEST(Solid, ANarrowCantileverIsInPlaneStress) {
   Experiment solid = cantilever(2e-3, Plane::strain);
   solid.mesh.depth_cells = 1;
-  const double stress = replayed_values(cantilever(2e-3, Plane::stress), one_load(1e-4))[0];
-  EXPECT_NEAR(replayed_values(solid, one_load(1e-4))[0] / stress, 1, 0.01);
+  const double stress = displacements(cantilever(2e-3, Plane::stress), one_load(1e-4))[0];
+  EXPECT_NEAR(displacements(solid, one_load(1e-4))[0] / stress, 1, 0.01);
 }
 
 TEST(Solid, WithItsSideHeldItIsInPlaneStrainWhateverTheLoad) {
@@ -89,8 +89,8 @@ TEST(Solid, WithItsSideHeldItIsInPlaneStrainWhateverTheLoad) {
     side.on = "side";
     side.fix = {2};
     solid.supports.push_back(side);
-    const double expected = replayed_values(plane, trials)[0];
-    EXPECT_NEAR(replayed_values(solid, trials)[0] / expected, 1, 3e-3) << c.value << c.on;
+    const double expected = displacements(plane, trials)[0];
+    EXPECT_NEAR(displacements(solid, trials)[0] / expected, 1, 3e-3) << c.value << c.on;
     EXPECT_GT(expected, 1e-3);
   }
 }
@@ -111,7 +111,7 @@ TEST(SlowSolid, AModuleWithItsSideHeldIsThePlaneOne) {
   side.fix = {2};
   solid.supports.push_back(side);
   const Trials trials = conditions_of({5.89e-3}, {0.1});
-  EXPECT_NEAR(replayed_values(solid, trials)[0] / replayed_values(plane, trials)[0], 1, 0.01);
+  EXPECT_NEAR(displacements(solid, trials)[0] / displacements(plane, trials)[0], 1, 0.01);
 }
 
 TEST(SlowSolid, AClosedModuleWithLinearElementsCarriesALoad) {
@@ -123,7 +123,7 @@ TEST(SlowSolid, AClosedModuleWithLinearElementsCarriesALoad) {
   const Prediction prediction = bench.protocol->predict(protocol.nominal(), {});
   ASSERT_TRUE(prediction.complete()) << prediction.failures.front();
   // Linear elements are too stiff, by a factor at most; and the lips do carry.
-  const double plane = replayed_values(coarse_module(1), trials)[0];
+  const double plane = displacements(coarse_module(1), trials)[0];
   EXPECT_GT(prediction.values[0], 0.3 * plane);
   EXPECT_LT(prediction.values[0], 3 * plane);
   // Half of the cables pull, with their whole tension.

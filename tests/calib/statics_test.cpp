@@ -24,7 +24,7 @@ region = "gum"
 thickness = "12 mm"
 plane = "stress"
 [mesh]
-cells = [2, 40]
+cells = [2, 16]
 [materials.gum]
 E = "2 MPa"
 nu = 0.3
@@ -56,13 +56,13 @@ std::string loads_csv(const std::vector<double>& multiples) {
   return text;
 }
 
-const std::vector<double> multiples{0.5, 1.1, 1.6, 2.5, 5, 9, 12.5, 17, 26, 40};
+const std::vector<double> multiples{0.5, 1.1, 2.5, 9, 26};
 
 TEST(Statics, ASymmetricStrutGoesToTheSameSideInEveryRowOnAnyNumberOfThreads) {
   const TemporaryFolder folder;
   Experiment e = experiment_in(folder, strut_toml, loads_csv(multiples));
   Eigen::VectorXd first;
-  for (int threads : {1, 2, 3}) {
+  for (int threads : {1, 3}) {
     e.threads = threads;
     const Eigen::VectorXd side = predicted(bench_of(e)).values;
     EXPECT_NEAR(side[0], 0, 1e-9) << "below the critical load it stays straight";
@@ -86,7 +86,7 @@ TEST(Statics, TheSideOfASymmetricBifurcationIsSaidWithItsRows) {
   bench->protocol().predict(bench->protocol().nominal(), {});
   const std::vector<std::string> warnings = bench->warnings_after();
   ASSERT_EQ(warnings.size(), 1u);
-  for (const char* part : {"lines 3, 4, 5, 6, 7, 8, 9, 10, 11:", "symmetric bifurcation", "the side was chosen", "+x"})
+  for (const char* part : {"lines 3, 4, 5, 6:", "symmetric bifurcation", "the side was chosen", "+x"})
     EXPECT_NE(warnings[0].find(part), std::string::npos) << warnings[0];
 }
 
