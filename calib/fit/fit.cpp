@@ -491,6 +491,7 @@ class Fit {
     set_start();
     for (int restart = 0;; ++restart) {
       search(restart == 0);
+      forget_errors();
       add_cost(result_.search);
       list_estimates();
       if (last_.prediction().values.size() == 0 || !last_.prediction().complete()) return std::move(result_);
@@ -631,6 +632,15 @@ class Fit {
     result_.dof = static_cast<int>(measurements_.size()) - static_cast<int>(free_.size());
     result_.chi_squared_p = chi_squared_probability(result_.chi_squared, result_.dof);
     result_.lack_of_fit = lack_of_fit(measurements_, result_.chi_squared, free_.size());
+  }
+
+  /// Those of the optimum before belong to another place.
+  void forget_errors() {
+    result_.covariance.resize(0, 0);
+    result_.correlation.resize(0, 0);
+    result_.singular_values.resize(0);
+    result_.weakest.resize(0);
+    result_.prediction_se.resize(0);
   }
 
   /// Directions that the readings do not see get a deviation of a hundred ranges instead of a pseudo-inverse's zero;
