@@ -66,7 +66,7 @@ struct ChannelKind {
   Directed directed = Directed::no;  ///< whether it has a direction, which of a turn is the axis
   bool from_rest = false;            ///< whether it is zero in the rest shape
   Known known = Known::always;       ///< in which states; in_steps: of integrators that hand out their steps
-  std::string_view why = "";         ///< not in others: the sentence that begins with its name
+  std::string_view why{};            ///< not in others: the sentence that begins with its name
 
   /// A bench has one body, without a name, and no joints.
   bool at_bench() const { return on != On::joint && on != On::body; }

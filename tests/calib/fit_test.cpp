@@ -259,7 +259,7 @@ StaticProtocol finite_element_cantilever() {
   return {builder.build(), std::move(channels), {force}, {}, rows, {}};
 }
 
-TEST(Coverage, IntervalsOfAFiniteElementCantileverHoldTheTruthIn90To98PercentOf200Draws) {
+TEST(SlowCoverage, IntervalsOfAFiniteElementCantileverHoldTheTruthIn90To98PercentOf200Draws) {
   StaticProtocol protocol = finite_element_cantilever();
   const int E = protocol.parameters().index("E_beam");
   const Eigen::VectorXd y = protocol.predict(protocol.nominal(), {}).values;

@@ -153,7 +153,7 @@ struct CableAndJoint {
   }
 };
 
-TEST(Sundials, OurStepperAndCvodeConvergeToOneTrajectoryAndOneSetOfSensitivities) {
+TEST(SlowSundials, OurStepperAndCvodeConvergeToOneTrajectoryAndOneSetOfSensitivities) {
   const CableAndJoint robot;
   const Model& model = *robot.scene.model;
   const double end = 0.04;
