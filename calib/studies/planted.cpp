@@ -22,7 +22,9 @@ namespace {
 class Draws {
  public:
   explicit Draws(unsigned seed) : engine_(seed) {}
-  double uniform(double low, double high) { return low + (high - low) * (static_cast<double>(engine_()) + 0.5) / 4294967296.0; }
+  double uniform(double low, double high) {
+    return low + (high - low) * (static_cast<double>(engine_()) + 0.5) / 4294967296.0;
+  }
   double logarithmic(double low, double high) { return low * std::pow(high / low, uniform(0, 1)); }
   double normal() {
     const double radius = std::sqrt(-2 * std::log(uniform(0, 1)));
