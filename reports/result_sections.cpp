@@ -63,19 +63,23 @@ std::string share_table(const RunRecord& record) {
   for (const ParameterEstimate& estimate : record.fit.parameters) header.push_back("#" + estimate.spec.id);
   header.insert(header.end(), {"Counts", "How"});
   std::vector<Cells> rows;
+  std::string notes;
   const auto add = [&](const Share& share) {
     Cells& row = rows.emplace_back();
     row.push_back(share.source);
     for (size_t p = 0; p < record.fit.parameters.size(); ++p)
       row.push_back(std::isfinite(share.bias[p]) ? share_of(share, p, Shown(record.fit.parameters[p])) : "not known");
-    row.insert(row.end(), {share.counted ? "yes" : "no", share.how});
+    const bool at_length = share.how.size() > 60;
+    row.insert(row.end(), {share.counted ? "yes" : "no", at_length ? "see below" : share.how});
+    if (at_length)
+      notes += paragraph(fmt::format("What the {} adds: {} ({:.1f} s).", share.source, share.how, share.seconds));
   };
   for (bool counted : {true, false}) {
     for (const Share& share : record.shares) {
       if (share.counted == counted) add(share);
     }
   }
-  return "<h2>What else is in the values</h2>\n" + table(header, rows) +
+  return "<h2>What else is in the values</h2>\n" + table(header, rows) + notes +
          paragraph(
              "Taking a share off gives what would have been found without it. Those that count are added to the "
              "noise as root of squares, which makes the interval in all. What does not count is shown for a change "

@@ -402,25 +402,36 @@ TEST_F(ReportTest, SimulatedDataAreCalledSoEverywhere) {
 
 TEST_F(ReportTest, TheFirstSentenceIsTheAnswer) {
   const std::string html = html_of(test::hanging_block());
-  EXPECT_TRUE(contains(html, "E_silicone = 274.1 kPa, 95 % interval 271.4 to 276.9 kPa, well determined."));
+  EXPECT_TRUE(
+      contains(html, "E_silicone = 274.1 kPa, 95 % interval 271.4 to 276.9 kPa (noise alone), well determined."));
   EXPECT_TRUE(contains(html, "Other meshes move E_silicone by -8.4 % to +0.4 %."));
   EXPECT_TRUE(contains(html, "E_silicone differs by +3.9 % from 263.8 kPa"));
-  EXPECT_TRUE(contains(html_of(test::tendon_finger()), "95 % interval open to 0.46, bounded from one side."));
+  EXPECT_TRUE(
+      contains(html_of(test::tendon_finger()), "95 % interval open to 0.46 (noise alone), bounded from one side."));
   RunRecord weak = test::hanging_block();
   weak.fit.parameters[0].lower95 = 12;
   weak.fit.parameters[0].upper95.reset();
   EXPECT_TRUE(contains(html_of(weak), "95 % interval 12 Pa to open")) << "an end near zero keeps its own digits";
 }
 
-TEST_F(ReportTest, WhatTheMeshAddsStandsBesideTheStandardError) {
+TEST_F(ReportTest, WhatWasAssumedStandsInATableAndInTheInterval) {
   RunRecord record = test::hanging_block();
-  EXPECT_FALSE(contains(html_of(record), "mesh adds"));
-  record.shares = {{"mesh", {-412.5}, {190}, "one step with two meshes", 9.5}, {"contact gap", {NAN}, {NAN}, "", 1}};
+  EXPECT_FALSE(contains(html_of(record), "What was assumed"));
+  const std::string meshes =
+      "one Gauss-Newton step at the optimum with two meshes, extrapolated with the order that they show";
+  record.shares = {{"mesh", {-412.5}, {190}, meshes, 9.5},
+                   {"contact gap", {NAN}, {NAN}, "", 1},
+                   {"size_x", {0}, {9100}, "tolerance not stated", 1, false}};
+  record.fit.parameters[0].total_lower95 = 271e3;
+  record.fit.parameters[0].total_upper95 = 277.4e3;
   const std::string html = html_of(record);
-  EXPECT_TRUE(contains(html, "mesh adds"));
+  EXPECT_TRUE(contains(html, "95 % interval 271.0 to 277.4 kPa, well determined."));
+  EXPECT_TRUE(contains(html, "What was assumed"));
   EXPECT_TRUE(contains(html, "-0.41 ± 0.19 kPa"));
-  EXPECT_TRUE(contains(html, "What the mesh adds: one step with two meshes (9.5 s)."));
-  EXPECT_TRUE(contains(html, "contact gap adds"));
+  EXPECT_TRUE(contains(html, "What the mesh adds: " + meshes + " (9.5 s)."));
+  EXPECT_TRUE(contains(html, "not known"));
+  EXPECT_TRUE(contains(html, "± 9.1 kPa"));
+  EXPECT_TRUE(contains(html, "1 % of size_x is worth 9.1 kPa, more than the noise"));
 }
 
 TEST_F(ReportTest, AMisfitIsExplained) {

@@ -147,7 +147,9 @@ TEST_F(RunRecordTest, ExplanationsTheRobustFitAndExcludedReadingsSurviveAndOlder
 
 TEST_F(RunRecordTest, SharesOfMeshAndContactGapSurviveAndOlderFilesHaveNone) {
   RunRecord record = test::hanging_block();
-  record.shares = {{"mesh", {-412.5}, {190}, "from three meshes", 9.5}, {"contact gap", {kNaN}, {kNaN}, "failed", 1}};
+  record.shares = {{"mesh", {-412.5}, {190}, "from three meshes", 9.5},
+                   {"contact gap", {kNaN}, {kNaN}, "failed", 1, false}};
+  record.fit.parameters[0].total_lower95 = 262.5e3;
   write_file(path("fit.json"), to_json(record));
   const RunRecord again = read_run(folder_.string());
   ASSERT_EQ(again.shares.size(), 2u);
@@ -157,6 +159,10 @@ TEST_F(RunRecordTest, SharesOfMeshAndContactGapSurviveAndOlderFilesHaveNone) {
   EXPECT_EQ(again.shares[0].how, "from three meshes");
   EXPECT_EQ(again.shares[0].seconds, 9.5);
   EXPECT_TRUE(std::isnan(again.shares[1].bias[0]));
+  EXPECT_TRUE(again.shares[0].counted);
+  EXPECT_FALSE(again.shares[1].counted);
+  EXPECT_EQ(again.fit.parameters[0].total_lower95, record.fit.parameters[0].total_lower95);
+  EXPECT_FALSE(again.fit.parameters[0].total_upper95.has_value());
   write_edited([](auto& json) { json.erase("shares"); });
   EXPECT_TRUE(read_run(folder_.string()).shares.empty());
   write_edited([](auto& json) {
