@@ -129,7 +129,8 @@ class Candidates {
     const auto parameters = static_cast<Eigen::Index>(fit.parameters.size());
     const auto scaled = noise_scaled(prediction, measurements).jacobian;
     by_parameter_ = scaled.leftCols(parameters);
-    by_control_ = scaled.rightCols(static_cast<Eigen::Index>(bench.controls.size()));
+    by_control_ = scaled.middleCols(parameters, static_cast<Eigen::Index>(bench.controls.size()));
+    by_assumed_ = scaled.rightCols(static_cast<Eigen::Index>(bench.assumed.size()));
     predicted_.resize(count_);
     weight_.resize(count_);
     for (Eigen::Index i = 0; i < count_; ++i) {
@@ -142,6 +143,13 @@ class Candidates {
   std::vector<Candidate> all() {
     for (size_t c = 0; c < bench_.channels.size(); ++c) add_channel(static_cast<int>(c));
     for (size_t k = 0; k < bench_.controls.size(); ++k) add_control(k);
+    for (size_t k = 0; k < bench_.assumed.size(); ++k)
+      add({"a number taken for granted",
+           fmt::format("another {}", bench_.assumed[k].id),
+           bench_.assumed[k].unit,
+           "",
+           by_assumed_.col(static_cast<Eigen::Index>(k)),
+           {}});
     add_drifts();
     add_stiffnesses();
     add_single_readings();
@@ -328,8 +336,8 @@ class Candidates {
   const ExplainedReadings& bench_;
   const FitResult& fit_;
   Eigen::Index count_;
-  Eigen::MatrixXd by_parameter_, by_control_;  ///< derivatives over sigma
-  Eigen::VectorXd predicted_, weight_;         ///< over sigma; 1/sigma
+  Eigen::MatrixXd by_parameter_, by_control_, by_assumed_;  ///< derivatives over sigma
+  Eigen::VectorXd predicted_, weight_;                      ///< over sigma; 1/sigma
   std::vector<Candidate> found_;
 };
 

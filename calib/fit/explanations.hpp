@@ -15,7 +15,8 @@ struct ExplainedReadings {
   };
   std::vector<Reading> readings;  ///< one per measurement, in their order
   std::vector<Axis> channels, controls;
-  int load = -1;  ///< the control over which figures are drawn; the others are held; -1: none
+  std::vector<Axis> assumed;  ///< dimensions and constants that were taken for granted
+  int load = -1;              ///< the control over which figures are drawn; the others are held; -1: none
 };
 
 /// Something that could be wrong with readings, bench or model, and what the fit would be with it, to first order.
@@ -43,20 +44,21 @@ inline constexpr double telling_p_value = 1e-3;
 /// What would explain a misfit, by linear algebra at the optimum alone. Each explanation adds columns A to the
 /// linearised model, r = J d + A b + noise, with r the residuals and J the derivatives on the fitted scale over the
 /// sigmas: chi squared falls by the square of r's projection on what is left of A beyond J (as a full least-squares
-/// solve would find), and b, its covariance and the parameters' step d follow. Tried are: zero and scale errors of
-/// channels, zero errors for each value of a held control and for each trial; zero and scale errors of controls; drifts
-/// from trial to trial and over the file; a modulus or stiffness that differs at each value of a held control, or
-/// changes with the load; something that gives way in proportion to the load; each reading off by itself (its value
-/// over its standard error is the studentised residual, the shifts are its pull on the parameters); and all pairs of
-/// readings of a channel exchanged, with their sigmas, where one of the two is off by 2 of them at least.
+/// solve would find), and b, its covariance and the parameters' step d follow. Tried are: another value of each number
+/// that was taken for granted; zero and scale errors of channels, zero errors for each value of a held control and for
+/// each trial; zero and scale errors of controls; drifts from trial to trial and over the file; a modulus or stiffness
+/// that differs at each value of a held control, or changes with the load; something that gives way in proportion to
+/// the load; each reading off by itself (its value over its standard error is the studentised residual, the shifts are
+/// its pull on the parameters); and all pairs of readings of a channel exchanged, with their sigmas, where one of the
+/// two is off by 2 of them at least.
 ///
 /// p-values are those of chi squared, and where what is left is still too large for the noise (p < 0.05) those of F
 /// against what is left; an exchange has one degree of freedom for its p-value (which bounds it from above) and none in
 /// `dof`. Corrected (Bonferroni): each kind counts the same, and each candidate within its kind.
 ///
 /// `prediction` has the derivatives with respect to the free parameters, in the order of `fit.parameters`, and then to
-/// the controls, in theirs; SI. Parameters at bounds that hold them do not move. Returns the three best of each kind,
-/// best first; none without a degree of freedom. `fit` need not have converged.
+/// the controls and what is assumed, in theirs; SI. Parameters at bounds that hold them do not move. Returns the three
+/// best of each kind, best first; none without a degree of freedom. `fit` need not have converged.
 std::vector<Explanation> explain_misfit(const ExplainedReadings& readings, const Prediction& prediction,
                                         const std::vector<Measurement>& measurements, const FitResult& fit);
 

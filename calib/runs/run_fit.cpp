@@ -4,8 +4,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <tuple>
 
+#include "calib/benches/assumptions.hpp"
 #include "calib/fit/robust.hpp"
 #include "calib/fit/spread.hpp"
 #include "sim/core/error.hpp"
@@ -366,20 +368,36 @@ void fill_predictions(const Bench& bench, const Eigen::VectorXd& values, const E
 }
 
 std::vector<Explanation> explanations_of(const Bench& bench, const FitResult& fit, const Ask& ask) {
-  const ParameterTable& table = bench.protocol().parameters();
   ExplainedReadings readings;
   for (const BenchReading& reading : bench.readings()) {
     if (!reading.excluded) readings.readings.push_back(reading);
   }
   for (const AxisRecord& axis : bench.channels()) readings.channels.push_back({axis.id, axis.unit});
+  const Trials* trials = bench.trials_at_rest();
+  std::optional<DimensionedProtocol> dimensioned;
+  if (trials != nullptr && bench.one_model() && bench.experiment().model == Rung::full)
+    dimensioned.emplace(bench.experiment(), *trials);
+  Protocol& protocol = dimensioned ? static_cast<Protocol&>(*dimensioned) : bench.protocol();
+  const ParameterTable& table = protocol.parameters();
+  Params p = protocol.nominal();
+  p.head(fit.p.size()) = fit.p;
   std::vector<int> columns;
   for (const ParameterEstimate& estimate : fit.parameters) columns.push_back(table.index(estimate.spec.id));
   for (const AxisRecord& axis : bench.controls()) {
     readings.controls.push_back({axis.id, axis.unit});
     columns.push_back(table.index(axis.id));
   }
+  if (dimensioned) {
+    for (const Assumption& one : assumptions_of(bench.experiment(), table, p, dimensioned->dimensions())) {
+      if (one.id == "g" ||
+          std::ranges::find(readings.controls, one.id, &ExplainedReadings::Axis::id) != readings.controls.end())
+        continue;
+      readings.assumed.push_back({one.id, one.unit});
+      columns.push_back(table.index(one.id));
+    }
+  }
   readings.load = bench.drawn_control();
-  const Prediction prediction = ask(bench.protocol(), fit.p, columns);
+  const Prediction prediction = ask(protocol, p, columns);
   if (!prediction.complete()) throw InputError(prediction.failures.front());
   return explain_misfit(readings, prediction, bench.measurements(), fit);
 }
