@@ -111,12 +111,16 @@ Eigen::VectorXd Equilibrium::free_gradient_at(const Eigen::VectorXd& u, const Pa
 bool Equilibrium::find_direction(const Eigen::VectorXd& u, const Params& p, Direction& to) {
   Eigen::VectorXd gradient;
   if (!factorise(to.exact, u, p, gradient)) return false;
-  if (!to.exact) ++indefinite_;
   ++report_.iterations;
   to.gradient = hessian_.reduction().restrict_to_free(u, gradient);
   to.step = -hessian_.solve(to.gradient);
   if (!to.step.allFinite()) return false;
   report_.gradient = largest(to.gradient);
+  loudest_ = std::max(loudest_, report_.gradient);
+  if (!to.exact) {
+    ++indefinite_;
+    calmest_ = std::min(calmest_, report_.gradient);
+  }
   to.slope = to.gradient.dot(to.step);
   return true;
 }
@@ -323,12 +327,14 @@ bool Equilibrium::lost_its_way(const Eigen::VectorXd& u) const {
 }
 
 /// Whether rounding alone decided that a search from `start` ended at u, as where a symmetric state is unstable: after
-/// a small push one way or the other it ends elsewhere. Asked where many Hessians were indefinite and the way was long,
-/// of another object, so that what this one keeps does not depend on the question.
+/// a small push one way or the other it ends elsewhere. Asked where many Hessians were indefinite, in one of these
+/// states forces were nearly in balance, and the way was long; of another object, so that what this one keeps does not
+/// depend on the question.
 bool Equilibrium::drifted(const Eigen::VectorXd& u, const Eigen::VectorXd& start, const Params& p) {
   constexpr int fewest = 5;  // Newton steps take to make something of rounding
   const double size = model_->length_scale();
   if (indefinite_ < fewest || !options_.check_minimum || largest(u - start) < 0.05 * size) return false;
+  if (calmest_ > 1e-3 * loudest_) return false;  // forces drove it on all the way
   Equilibrium probe(*model_, options_);
   probe.hessian_.expect(hessian_.couplings());
   bool elsewhere = false;
@@ -388,6 +394,8 @@ SolveStatus Equilibrium::settle(Eigen::VectorXd& u, const Params& p) {
   has_factor_ = false;
   buckling_ = patient_;
   indefinite_ = 0;
+  loudest_ = 0;
+  calmest_ = infinity;
   for (int attempt = 0; attempt < 4; ++attempt) {
     const NewtonResult result = minimise(u, p);
     if (result.status != SolveStatus::converged) return result.status;

@@ -203,6 +203,8 @@ class Equilibrium {
     bool several = false;          ///< more than one mode was unstable
   } saddle_;
   int indefinite_ = 0;    ///< states of the last search whose Hessian was indefinite
+  double calmest_ = 0;    ///< the least out-of-balance force in one of those [N]
+  double loudest_ = 0;    ///< the largest in all of them
   bool patient_ = false;  ///< short load steps have failed where Hessians were indefinite
   int probed_ = 0;        ///< factorisations that drifted() took since the last solve began
   SolveReport report_;

@@ -105,7 +105,7 @@ TEST_F(Command, WrongUsageIsExitCodeTwoWithASentenceOnStderr) {
   refuses({"replay", experiment_, "--set", "pull=2 N"}, {"pull", "bench"});
   refuses({"replay", experiment_, "--threads", "-1"}, {"threads"});
   refuses({"replay", experiment_, "--threads", "many"}, {"threads", "many"});
-  refuses({"chart", experiment_}, {"accuracy|stability FILE is missing"});
+  refuses({"chart", experiment_}, {"accuracy|stability|planted FILE is missing"});
   refuses({"chart", "accurracy", experiment_}, {"'accurracy' is no chart", "did you mean 'accuracy'", "stability"});
   refuses({"chart", "accuracy", experiment_, "--budget", "-1"}, {"--budget", "seconds"});
   refuses({"chart", "accuracy", TAUT_SOURCE_DIR "/experiments/foam_point/experiment.toml"},
@@ -289,7 +289,7 @@ TEST_F(Command, AFitTellsPeopleItsResultOnStdout) {
   EXPECT_EQ(fit.code, 0) << fit.err;
   EXPECT_EQ(fit.err, "");
   expect_holds(fit.out, {"SIMULATED DATA", "E_foam = ", "95 % interval", "well determined", "chi squared"});
-  expect_holds(fit.out, {"(noise) +- ", " (mesh), ", "  the mesh makes it "});
+  expect_holds(fit.out, {"(noise) +- ", " (mesh)", " in all, ", "  the mesh makes it "});
 }
 
 TEST_F(Command, AnExcludedLineIsCountedByCheckSaidByTheFitAndStruckOutInTheReport) {
