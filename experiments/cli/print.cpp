@@ -61,7 +61,7 @@ void print_parameter(const RunRecord& record, size_t j) {
   std::string shares, biases;
   for (const Share& share : record.shares) {
     const double most = std::abs(share.bias[j]) + (std::isfinite(share.error[j]) ? share.error[j] : 0);
-    if (most == 0 || (!share.counted && std::isfinite(most))) continue;
+    if (most <= 1e-3 * e.standard_error || (!share.counted && std::isfinite(most))) continue;
     shares += fmt::format(" +- {} ({})", std::isfinite(most) ? bare_beside(e.value, most, e.spec.unit) : "unknown",
                           share.source);
     biases += fmt::format("  {}\n", describe(share, e, j));
