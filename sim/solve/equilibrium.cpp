@@ -589,7 +589,7 @@ void Equilibrium::advance(const Params& p, bool check_path) {
     has_factor_ = false;  // it belongs to a state that was given up
     step *= 0.5;
     if (!converged && !goes_on_shorter(next, step >= smallest_step && report_.iterations < most) &&
-        !(!check_path && goes_on_patiently(step, most))) {
+        (options_.check_path || !goes_on_patiently(step, most))) {
       report_.left_saddle = left_saddle;
       break;
     }
@@ -643,7 +643,8 @@ bool Equilibrium::goes_on_shorter(const Params& next, bool allowed) {
 }
 
 /// A body that is not quite symmetric softens so much near its critical load that even short steps fail: once a solve
-/// would give up there, the rest of it goes as after a saddle.
+/// would give up there, the rest of it goes as after a saddle. Not where the path is checked: what lies beyond its end
+/// is a matter of rounding.
 bool Equilibrium::goes_on_patiently(double& step, int& most_iterations) {
   constexpr double patient_step = 1.0 / 64;
   if (std::ldexp(1.0, -options_.max_halvings) > patient_step) return false;  // asked not to
