@@ -24,9 +24,8 @@ std::vector<std::string> files_of(const Simulation& simulation) {
 }
 
 /// What is drawn, by the name of the chart.
-const std::vector<std::pair<std::string, int (*)(const CommandOptions&)>> charts{{"accuracy", chart_accuracy},
-                                                                                 {"stability", chart_stability},
-                                                                                 {"planted", chart_planted}};
+const std::vector<std::pair<std::string, int (*)(const CommandOptions&)>> charts{
+    {"accuracy", chart_accuracy}, {"stability", chart_stability}, {"planted", chart_planted}};
 
 int chart_main(const CommandOptions& options) {
   if (!(options.budget >= 0 && options.budget < 1e9))
