@@ -48,7 +48,8 @@ struct TableReader::Nodes {
       if (!tolerance.empty()) {
         const std::string place =
             fmt::format("{}.{}{}", reader.name_, key, entry == 0 ? "" : fmt::format(".{}", entry));
-        (*reader.tolerances_)[place] = {half_width(tolerance, value, quantity, where), where};
+        (*reader.tolerances_)[place] = {
+            half_width(tolerance, value, number.find('%') == std::string::npos, quantity, where), where};
       }
       return value;
     }
@@ -71,8 +72,10 @@ struct TableReader::Nodes {
     return {text, ""};
   }
 
-  static double half_width(std::string_view text, double value, Quantity quantity, const std::string& where) {
-    const bool relative = text.find('%') != std::string_view::npos && quantity != Quantity::pure;
+  /// Per cent are of the value, unless that stands in per cent itself.
+  static double half_width(std::string_view text, double value, bool may_be_relative, Quantity quantity,
+                           const std::string& where) {
+    const bool relative = may_be_relative && text.find('%') != std::string_view::npos;
     const double width = relative ? parse_quantity(text, Quantity::pure, where) * std::abs(value)
                                   : parse_quantity(text, quantity, where);
     if (!(width > 0))

@@ -76,6 +76,11 @@ TEST_F(Assumptions, TolerancesOfTheFileCountAndAreThoseOfTheShares) {
   for (const auto& [source, share] : shares) EXPECT_TRUE(share.counted) << source;
 }
 
+TEST_F(Assumptions, PerCentAreOfTheValueOfPureNumbersToo) {
+  const Experiment e = experiment_in(folder_, replaced(bar(), "nu = 0\n", "nu = \"0.3 +- 10 %\"\n"), bar_csv);
+  EXPECT_NEAR(e.tolerances.at("materials.foam.nu").half_width, 0.03, 1e-12);
+}
+
 TEST_F(Assumptions, AnErrorOfAZeroIsAConstantOfTheLoad) {
   const std::string toml =
       replaced(bar(), "trial = \"trial\"", "trial = \"trial\"\ntolerance = { pull = \"0.00001 N\" }");
