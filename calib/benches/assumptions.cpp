@@ -4,10 +4,11 @@
 
 #include <algorithm>
 #include <map>
-#include <stdexcept>
 
 #include "calib/benches/model.hpp"
+#include "calib/fit/bytes.hpp"
 #include "sim/core/error.hpp"
+#include "sim/core/numbers.hpp"
 
 namespace taut {
 namespace {
@@ -33,6 +34,11 @@ void edit_key(Experiment& experiment, size_t key, Change&& change) {
   }
 }
 
+/// A mesh that moves with a dimension is none any more when that has doubled.
+ParameterSpec spec_of(const std::string& id, double value, std::string_view meaning) {
+  return {id, id, "m", 0, 2 * std::abs(value), fmt::format("{}; from nothing to twice what the file has", meaning)};
+}
+
 void add_lengths(const Experiment& experiment, std::vector<Dimension>& dimensions) {
   const std::unique_ptr<Shape> shape = experiment.geometry.shape->clone();
   const std::vector<ShapeKey> keys = shape->keys();
@@ -40,25 +46,21 @@ void add_lengths(const Experiment& experiment, std::vector<Dimension>& dimension
     if (keys[k].quantity != Quantity::length) continue;
     const std::string name(keys[k].key);
     if (const auto* value = std::get_if<double*>(&keys[k].value); value != nullptr && **value != 0) {
-      dimensions.push_back({{name, name, "m", 0, 1e3, std::string(keys[k].meaning)},
-                            "geometry." + name,
-                            **value,
-                            [k](Experiment& other, double length) {
-                              edit_key(other, k, [&](const ShapeKey& key) { *std::get<double*>(key.value) = length; });
-                            }});
+      dimensions.push_back(
+          {spec_of(name, **value, keys[k].meaning), "geometry." + name, **value, [k](Experiment& other, double length) {
+             edit_key(other, k, [&](const ShapeKey& key) { *std::get<double*>(key.value) = length; });
+           }});
     }
     if (name != "size") continue;
     if (const auto* sizes = std::get_if<std::vector<double>*>(&keys[k].value); sizes != nullptr) {
       for (size_t axis = 0; axis < (*sizes)->size(); ++axis) {
         const std::string id = fmt::format("size_{}", "xyz"[axis]);
-        dimensions.push_back({{id, id, "m", 0, 1e3, fmt::format("length along {}", "xyz"[axis])},
-                              fmt::format("geometry.size.{}", axis + 1),
-                              (**sizes)[axis],
-                              [k, axis](Experiment& other, double length) {
-                                edit_key(other, k, [&](const ShapeKey& key) {
-                                  (*std::get<std::vector<double>*>(key.value))[axis] = length;
-                                });
-                              }});
+        dimensions.push_back(
+            {spec_of(id, (**sizes)[axis], fmt::format("length along {}", "xyz"[axis])),
+             fmt::format("geometry.size.{}", axis + 1), (**sizes)[axis], [k, axis](Experiment& other, double length) {
+               edit_key(other, k,
+                        [&](const ShapeKey& key) { (*std::get<std::vector<double>*>(key.value))[axis] = length; });
+             }});
       }
     }
   }
@@ -76,6 +78,10 @@ std::string id_at(const std::string& place) {
     return place.substr(last + 1) + "_" + place.substr(first + 1, last - first - 1);
   if (place.starts_with("geometry.size.")) return fmt::format("size_{}", "xyz"[(place[last + 1] - '1') % 3]);
   return place.substr(last + 1);
+}
+
+bool is_fitted(const Experiment& experiment, const std::string& id) {
+  return std::ranges::find(experiment.free, id, &FreeSettings::id) != experiment.free.end();
 }
 
 /// What an experiment's numerics or a bench's zero have, which is nobody's to measure.
@@ -98,7 +104,7 @@ std::map<std::string, Tolerance> tolerances_by_id(const Experiment& experiment, 
           tolerance.where +
           ": a tolerance has no effect here; allowed: lengths in [geometry] that are not zero, constants in "
           "[materials.NAME], k and slack in [cables], and [bench.tolerance] for what the bench sets");
-    if (std::ranges::find(experiment.free, id, &FreeSettings::id) != experiment.free.end())
+    if (is_fitted(experiment, id))
       throw InputError(
           fmt::format("{}: {} is fitted ([fit.free.{}]), so that its tolerance has no effect; leave either "
                       "out",
@@ -128,9 +134,8 @@ std::vector<Dimension> dimensions_of(const Experiment& experiment) {
   std::vector<Dimension> dimensions;
   add_lengths(experiment, dimensions);
   if (experiment.geometry.dimension == 2 && experiment.mesh.depth_cells > 0) {
-    dimensions.push_back({{"thickness", "t", "m", 0, 1e3, "thickness of the solid"},
-                          "geometry.thickness",
-                          experiment.geometry.thickness,
+    dimensions.push_back({spec_of("thickness", experiment.geometry.thickness, "thickness of the solid"),
+                          "geometry.thickness", experiment.geometry.thickness,
                           [](Experiment& other, double length) { other.geometry.thickness = length; }});
   }
   return dimensions;
@@ -154,73 +159,156 @@ std::vector<Assumption> assumptions_of(const Experiment& experiment, const Param
     if (std::ranges::find(experiment.bench.controls, spec.id, &BenchFormat::Control::id) !=
         experiment.bench.controls.end())
       assumptions.push_back(control_assumption(experiment, spec));
-    else if (std::ranges::find(experiment.free, spec.id, &FreeSettings::id) == experiment.free.end() &&
-             !is_numerical(spec.id) &&
+    else if (!is_fitted(experiment, spec.id) && !is_numerical(spec.id) &&
              std::ranges::find(dimensions, spec.id, [](const Dimension& d) { return d.spec.id; }) == dimensions.end())
       add(spec, p[i]);
   }
-  for (const Dimension& dimension : dimensions) add(dimension.spec, dimension.value);
+  for (const Dimension& dimension : dimensions) {
+    if (!is_fitted(experiment, dimension.spec.id)) add(dimension.spec, dimension.value);
+  }
   return assumptions;
 }
 
-DimensionedProtocol::DimensionedProtocol(const Experiment& experiment, const Trials& trials)
-    : replay_(make_static_replay(experiment, experiment.mesh, trials)),
+std::vector<Dimension> free_dimensions(const Experiment& experiment) {
+  std::vector<Dimension> dimensions = dimensions_of(experiment);
+  std::erase_if(dimensions, [&](const Dimension& dimension) { return !is_fitted(experiment, dimension.spec.id); });
+  return dimensions;
+}
+
+DimensionedProtocol::DimensionedProtocol(Experiment experiment, Trials trials, const std::vector<Dimension>& dimensions)
+    : experiment_(std::move(experiment)),
+      trials_(std::move(trials)),
+      replay_(make_static_replay(experiment_, experiment_.mesh, trials_)),
       table_(replay_.protocol->parameters()),
       nominal_(replay_.protocol->nominal()) {
-  const Mesh& mesh = replay_.protocol->scene().model->mesh();
+  if (dimensions.empty()) return;
+  mesh_ = std::make_shared<const Mesh>(make_mesh(experiment_, experiment_.mesh));
   // Far below the distance at which contact sets in, far above rounding.
-  const double step = 1e-8 * mesh.diagonal();
-  for (Dimension& dimension : dimensions_of(experiment)) {
-    if (table_.contains(dimension.spec.id)) continue;
-    const auto beside = [&](double change) {
-      Experiment other = experiment;
-      dimension.set(other, dimension.value + change);
-      return std::move(make_static_replay(other, other.mesh, trials).protocol);
-    };
-    try {
-      Sides sides{beside(-step), beside(step), 2 * step};
-      const auto same = [&](const std::unique_ptr<StaticProtocol>& protocol) {
-        const Mesh& other = protocol->scene().model->mesh();
-        return other.elements == mesh.elements && (other.X - mesh.X).cwiseAbs().maxCoeff() < 1e3 * step;
-      };
-      if (!same(sides.less) || !same(sides.more))
-        throw InputError("a small change of it makes a mesh of other elements");
-      sides_.push_back(std::move(sides));
-    } catch (const InputError& error) {
-      left_out_.push_back(fmt::format("{}: {}", dimension.spec.id, error.what()));
-      continue;
-    }
-    table_.declare(dimension.spec);
-    nominal_.conservativeResize(nominal_.size() + 1);
-    nominal_[nominal_.size() - 1] = dimension.value;
-    dimensions_.push_back(std::move(dimension));
+  step_ = 1e-8 * mesh_->diagonal();
+  for (const Dimension& dimension : dimensions) {
+    if (!table_.contains(dimension.spec.id)) add(dimension);
   }
+  sides_.resize(dimensions_.size());
+  lengths_ = nominal_.tail(static_cast<Eigen::Index>(dimensions_.size()));
+}
+
+void DimensionedProtocol::add(const Dimension& dimension) {
+  const auto mesh_with = [&](double change) {
+    Experiment other = experiment_;
+    dimension.set(other, dimension.value + change);
+    Mesh mesh = make_mesh(other, other.mesh);
+    if (mesh.elements != mesh_->elements || (mesh.X - mesh_->X).cwiseAbs().maxCoeff() > 1e3 * step_)
+      throw InputError("a small change of it makes a mesh of other elements");
+    return mesh;
+  };
+  try {
+    moves_.emplace_back((mesh_with(step_).X - mesh_with(-step_).X) / (2 * step_));
+  } catch (const InputError& error) {
+    left_out_.push_back(fmt::format("{}: {}", dimension.spec.id, error.what()));
+    return;
+  }
+  table_.declare(dimension.spec);
+  nominal_.conservativeResize(nominal_.size() + 1);
+  nominal_[nominal_.size() - 1] = dimension.value;
+  dimensions_.push_back(dimension);
+}
+
+StaticReplay DimensionedProtocol::replay_at(const Eigen::VectorXd& lengths) const {
+  Experiment moved = experiment_;
+  auto mesh = std::make_shared<Mesh>(*mesh_);
+  for (size_t k = 0; k < dimensions_.size(); ++k) {
+    const double length = lengths[static_cast<Eigen::Index>(k)];
+    if (length == dimensions_[k].value) continue;
+    dimensions_[k].set(moved, length);
+    mesh->X += (length - dimensions_[k].value) * moves_[k];
+  }
+  moved.geometry.mesh = mesh;
+  return make_static_replay(moved, moved.mesh, trials_);
+}
+
+void DimensionedProtocol::move_to(const Eigen::VectorXd& lengths) {
+  if (lengths == lengths_) return;
+  StaticReplay there = replay_at(lengths);
+  factorisations_ += replay_.protocol->factorisations();
+  newton_iterations_ += replay_.protocol->newton_iterations();
+  replay_ = std::move(there);
+  lengths_ = lengths;
+  for (Sides& sides : sides_) sides = {};
+}
+
+const DimensionedProtocol::Sides& DimensionedProtocol::sides_of(size_t dimension) {
+  Sides& sides = sides_[dimension];
+  for (auto& [side, change] : {std::pair{&sides.less, -step_}, std::pair{&sides.more, step_}}) {
+    if (*side) continue;
+    Eigen::VectorXd lengths = lengths_;
+    lengths[static_cast<Eigen::Index>(dimension)] += change;
+    *side = std::move(replay_at(lengths).protocol);
+  }
+  return sides;
 }
 
 Prediction DimensionedProtocol::predict(const Params& p, const std::vector<int>& free) {
   const Eigen::Index own = own_count();
-  if (p.tail(p.size() - own) != nominal_.tail(p.size() - own))
-    throw std::logic_error("dimensions have derivatives only");
   std::vector<int> of_model;
   std::vector<StaticProtocol::Neighbours> neighbours;
-  for (int index : free) {
-    if (index < own) {
-      of_model.push_back(index);
-    } else {
-      const Sides& sides = sides_[static_cast<size_t>(index - own)];
-      neighbours.push_back({sides.less.get(), sides.more.get(), sides.apart});
+  try {
+    move_to(p.tail(p.size() - own));
+    for (int index : free) {
+      if (index < own) {
+        of_model.push_back(index);
+      } else {
+        const Sides& sides = sides_of(static_cast<size_t>(index - own));
+        neighbours.push_back({sides.less.get(), sides.more.get(), 2 * step_});
+      }
     }
+  } catch (const InputError& error) {  // dimensions that are none together cost this prediction
+    Prediction none;
+    none.values = Eigen::VectorXd::Constant(row_count(), not_a_number);
+    if (!free.empty())
+      none.derivatives = Eigen::MatrixXd::Constant(row_count(), static_cast<Eigen::Index>(free.size()), not_a_number);
+    none.failures.emplace_back(error.what());
+    return none;
   }
   Prediction prediction = replay_.protocol->predict(p.head(own), of_model);
-  if (neighbours.empty() || !prediction.complete()) return prediction;
-  const Eigen::MatrixXd between = replay_.protocol->derivatives_between(neighbours);
-  Eigen::MatrixXd all(row_count(), static_cast<Eigen::Index>(free.size()));
-  Eigen::Index a = 0, b = 0;
-  for (size_t k = 0; k < free.size(); ++k)
-    all.col(static_cast<Eigen::Index>(k)) =
-        free[k] < own ? Eigen::VectorXd(prediction.derivatives.col(a++)) : Eigen::VectorXd(between.col(b++));
+  if (neighbours.empty()) return prediction;
+  Eigen::MatrixXd all = Eigen::MatrixXd::Constant(row_count(), static_cast<Eigen::Index>(free.size()), not_a_number);
+  if (prediction.complete()) {
+    const Eigen::MatrixXd between = replay_.protocol->derivatives_between(neighbours);
+    Eigen::Index a = 0, b = 0;
+    for (size_t k = 0; k < free.size(); ++k)
+      all.col(static_cast<Eigen::Index>(k)) =
+          free[k] < own ? Eigen::VectorXd(prediction.derivatives.col(a++)) : Eigen::VectorXd(between.col(b++));
+  }
   prediction.derivatives = std::move(all);
   return prediction;
+}
+
+std::string DimensionedProtocol::state() const {
+  if (dimensions_.empty()) return replay_.protocol->state();
+  Bytes out;
+  out(lengths_, replay_.protocol->state());
+  return out.bytes();
+}
+
+void DimensionedProtocol::restore(const std::string& state) {
+  if (dimensions_.empty()) return replay_.protocol->restore(state);
+  Eigen::VectorXd lengths;
+  std::string of_replay;
+  Bytes in(state);
+  in(lengths, of_replay);
+  move_to(lengths);
+  replay_.protocol->restore(of_replay);
+}
+
+int DimensionedProtocol::newton_iterations() const {
+  return newton_iterations_ + replay_.protocol->newton_iterations();
+}
+
+Params DimensionedProtocol::values_of(const FitResult& fit) const {
+  Params p = nominal_;
+  p.head(own_count()) = fit.p.head(own_count());
+  for (const ParameterEstimate& estimate : fit.parameters) p[table_.index(estimate.spec.id)] = estimate.value;
+  return p;
 }
 
 }  // namespace taut

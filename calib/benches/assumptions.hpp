@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "calib/benches/static_replay.hpp"
+#include "sim/mesh/mesh.hpp"
 
 namespace taut {
 
@@ -35,36 +36,62 @@ struct Assumption {
 std::vector<Assumption> assumptions_of(const Experiment& experiment, const ParameterTable& table, const Params& p,
                                        const std::vector<Dimension>& dimensions);
 
-/// The rows of an experiment's own protocol, with its dimensions as further parameters behind those of the model. They
-/// have derivatives, and no other value than the file's: predict() throws std::logic_error there. Dimensions whose
-/// small change makes a mesh of other elements are left out.
+/// Those of its dimensions that an experiment fits: [fit.free.gap_total].
+std::vector<Dimension> free_dimensions(const Experiment& experiment);
+
+/// The rows of an experiment's own protocol, with dimensions as further parameters behind those of the model. The mesh
+/// keeps its elements and moves with the dimensions: X = X0 + sum_k (L_k - L_k0) dX/dL_k, dX/dL_k from meshes of a
+/// small change. Where a shape is not linear in a dimension (arcs) that is its first order. Where a dimension has
+/// moved, prediction starts from rest. Dimensions whose small change makes a mesh of other elements are left out.
 class DimensionedProtocol final : public Protocol {
  public:
   /// Throws InputError as make_static_replay() does.
-  DimensionedProtocol(const Experiment& experiment, const Trials& trials);
+  DimensionedProtocol(Experiment experiment, Trials trials, const std::vector<Dimension>& dimensions);
 
   const ParameterTable& parameters() const override { return table_; }
   const Params& nominal() const override { return nominal_; }
   int row_count() const override { return replay_.protocol->row_count(); }
   Prediction predict(const Params& p, const std::vector<int>& free) override;
-  int factorisations() const override { return replay_.protocol->factorisations(); }
+  void forget() override { replay_.protocol->forget(); }
+  void begin_search() override {
+    if (dimensions_.empty()) replay_.protocol->begin_search();  // from rest it would take derivatives too lightly
+  }
+  void end_search() override { replay_.protocol->end_search(); }
+  std::string state() const override;
+  void restore(const std::string& state) override;
+  int factorisations() const override { return factorisations_ + replay_.protocol->factorisations(); }
 
-  const StaticReplay& replay() const { return replay_; }                    ///< without dimensions
+  int newton_iterations() const;  ///< since construction
+  /// The readings' protocol with the dimensions of the last prediction. A move to others makes a new one.
+  const StaticReplay& replay() const { return replay_; }
   const std::vector<Dimension>& dimensions() const { return dimensions_; }  ///< behind the model's own parameters
   const std::vector<std::string>& left_out() const { return left_out_; }    ///< "gap_total: why"
+  /// What a fit found, with dimensions that it did not fit as the file has them.
+  Params values_of(const FitResult& fit) const;
 
  private:
   int own_count() const { return replay_.protocol->parameters().size(); }
+  StaticReplay replay_at(const Eigen::VectorXd& lengths) const;
+  void move_to(const Eigen::VectorXd& lengths);
+  void add(const Dimension& dimension);
   struct Sides {
     std::unique_ptr<StaticProtocol> less, more;
-    double apart = 0;
   };
+  const Sides& sides_of(size_t dimension);
+
+  Experiment experiment_;
+  Trials trials_;
+  std::shared_ptr<const Mesh> mesh_;  ///< with the file's dimensions
+  double step_ = 0;                   ///< of differences [m]
   StaticReplay replay_;
   ParameterTable table_;
   Params nominal_;
   std::vector<Dimension> dimensions_;
-  std::vector<Sides> sides_;
+  std::vector<Eigen::VectorXd> moves_;  ///< dX/dL
+  Eigen::VectorXd lengths_;             ///< of replay_
+  std::vector<Sides> sides_;            ///< of replay_, made when they are asked for
   std::vector<std::string> left_out_;
+  int factorisations_ = 0, newton_iterations_ = 0;  ///< of replays that were given up
 };
 
 }  // namespace taut

@@ -75,12 +75,30 @@ constinit const BenchKind static_kind{.name = "readings",
 StaticBench::StaticBench(Experiment experiment, Trials trials)
     : Bench(with_own_mesh(std::move(experiment))),
       trials_(std::move(trials)),
-      replay_(make_static_replay(experiment_, experiment_.mesh, trials_)),
+      protocol_(std::make_unique<DimensionedProtocol>(experiment_, trials_, free_dimensions(experiment_))),
       model_text_(experiment_.mesh.describe()) {
   // Tolerances that mean nothing are wrong input, whatever is done with the bench.
-  assumptions_of(experiment_, replay_.protocol->parameters(), replay_.protocol->nominal(), dimensions_of(experiment_));
+  assumptions_of(experiment_, protocol_->parameters(), protocol_->nominal(), dimensions_of(experiment_));
+  for (const std::string& why : protocol_->left_out()) throw FileError(experiment_.path, "[fit.free] " + why);
   find_axes();
   find_readings();
+}
+
+void StaticBench::use(const CheaperModels& models) {
+  models_ = models;
+  choice_ = models.choose(experiment_, trials_, replay());
+  if (choice_.protocol && !protocol_->dimensions().empty())
+    throw FileError(experiment_.path, fmt::format("[fit.free.{}]: a dimension is fitted by the full model alone; leave "
+                                                  "'model' out",
+                                                  protocol_->dimensions().front().spec.id));
+}
+
+/// Cheaper models have the dimensions of the file.
+std::vector<FreeParameter> StaticBench::better_starts(const std::vector<FreeParameter>& free) const {
+  const auto first_dimension =
+      std::ranges::find_if(free, [&](const FreeParameter& one) { return one.index >= model().parameters().size(); });
+  if (!models_.starts || first_dimension != free.end()) return free;
+  return models_.starts(experiment_, trials_, free);
 }
 
 void StaticBench::find_axes() {
@@ -103,12 +121,12 @@ void StaticBench::find_axes() {
 void StaticBench::find_readings() {
   for (size_t i = 0; i < trials_.readings.size(); ++i) {
     const Reading& from = trials_.readings[i];
-    BenchReading& reading = readings_.emplace_back(BenchReading{from, replay_.row_of_reading[i], {}, {}});
+    BenchReading& reading = readings_.emplace_back(BenchReading{from, replay().row_of_reading[i], {}, {}});
     const size_t k = static_cast<size_t>(std::max(drawn_control_, 0));
     reading.load_newtons = drawn_control_ < 0 ? 0.0 : as_force(k, from.controls[k]);
   }
   for (BenchReading& reading : readings_) reading.series = series_of(reading.controls);
-  measurements_ = replay_.measurements;
+  measurements_ = replay().measurements;
 }
 
 double StaticBench::as_force(size_t control, double value) const {
@@ -177,9 +195,10 @@ std::vector<CurveRecord> StaticBench::curves(const Params& p, const std::vector<
       }
     }
   }
-  const StaticReplay replay = make_static_replay(experiment_, experiment_.mesh, grid);
-  const ParameterTable& table = replay.protocol->parameters();
-  const Prediction prediction = ask(*replay.protocol, p, indices_of(free));
+  DimensionedProtocol protocol(experiment_, grid, free_dimensions(experiment_));
+  const StaticReplay& replay = protocol.replay();
+  const ParameterTable& table = protocol.parameters();
+  const Prediction prediction = ask(protocol, p, indices_of(free));
   const Eigen::VectorXd se = standard_errors(prediction, table, p, free, covariance);
   // Increments from the start of the curve are known better than the values: errors of the parameters move both.
   Prediction increments = prediction;
@@ -231,13 +250,13 @@ std::unique_ptr<Bench> StaticBench::at_loads(const std::string& path) const {
 }
 
 std::string StaticBench::size_text() const {
-  return fmt::format("{} readings in {} conditions with {} unknowns", measurements_.size(),
-                     replay_.protocol->conditions().size(), unknowns());
+  return fmt::format("{} readings in {} conditions with {} unknowns", measurements_.size(), model().conditions().size(),
+                     unknowns());
 }
 
 std::string StaticBench::effort() const {
-  return fmt::format("{} Newton iterations, {} factorisations", replay_.protocol->newton_iterations(),
-                     replay_.protocol->factorisations());
+  return fmt::format("{} Newton iterations, {} factorisations", protocol_->newton_iterations(),
+                     protocol_->factorisations());
 }
 
 Lines StaticBench::load_lines() const {
@@ -255,8 +274,8 @@ Lines StaticBench::load_lines() const {
 }
 
 std::string StaticBench::cables_text() const {
-  const ParameterTable& table = replay_.protocol->parameters();
-  const Params& nominal = replay_.protocol->nominal();
+  const ParameterTable& table = model().parameters();
+  const Params& nominal = model().nominal();
   std::string text;
   for (const CableSettings& cable : experiment_.cables.cables) text += (text.empty() ? "" : ", ") + cable.id;
   text += fmt::format("; k = {}, slack = {}", with_unit(nominal[table.index("k_cable")], "N/m"),
@@ -267,10 +286,10 @@ std::string StaticBench::cables_text() const {
 }
 
 std::string StaticBench::contact_text() const {
-  const ParameterTable& table = replay_.protocol->parameters();
-  const Params& nominal = replay_.protocol->nominal();
+  const ParameterTable& table = model().parameters();
+  const Params& nominal = model().nominal();
   std::string text = fmt::format("sets in at {}", with_unit(nominal[table.index("contact_gap")], "m"));
-  for (const std::string& region : replay_.protocol->scene().model->mesh().region_names) {
+  for (const std::string& region : model().scene().model->mesh().region_names) {
     text += fmt::format(", {} {}", region,
                         with_unit(nominal[table.index("contact_pressure_" + region)],
                                   experiment_.contact.form == ContactForm::length_weighted ? "Pa" : "N/m"));
@@ -283,7 +302,7 @@ std::string StaticBench::contact_text() const {
 
 Lines StaticBench::describe() const {
   const Experiment& e = experiment_;
-  const Mesh& mesh = replay_.protocol->scene().model->mesh();
+  const Mesh& mesh = model().scene().model->mesh();
   Lines lines{{"data", e.simulated ? "simulated" : "measured"},
               {"geometry", geometry_text(e.geometry)},
               {"mesh", fmt::format("{}: {} nodes, {} elements, {} unknowns", e.mesh.describe(), mesh.node_count(),
@@ -303,7 +322,7 @@ Lines StaticBench::describe() const {
 }
 
 std::vector<std::string> StaticBench::warnings_before() const {
-  std::vector<std::string> warnings = replay_.protocol->scene().model->mesh().remarks;
+  std::vector<std::string> warnings = model().scene().model->mesh().remarks;
   const Experiment& e = experiment_;
   const bool may_lock =
       e.mesh.formulation == Formulation::standard && !(e.geometry.dimension == 2 && e.geometry.plane == Plane::stress);
@@ -327,7 +346,7 @@ std::vector<std::string> StaticBench::warnings_before() const {
   std::vector<std::string> retractions, units;
   for (const auto& [id, column] : e.cables.columns) retractions.push_back(id);
   for (const ChannelSettings& channel : e.channels) units.emplace_back(channel.kind->unit);
-  const double size = replay_.protocol->scene().model->mesh().diagonal();
+  const double size = model().scene().model->mesh().diagonal();
   for (const auto& found : {odd_repeats(trials_, units), out_of_proportion(trials_, retractions, units, size)})
     warnings.insert(warnings.end(), found.begin(), found.end());
   return warnings;
@@ -336,7 +355,7 @@ std::vector<std::string> StaticBench::warnings_before() const {
 /// Rows whose equilibrium is one of two alike, by the side that was taken.
 std::vector<std::string> StaticBench::sides_taken() const {
   std::map<std::string, std::set<int>> lines;
-  for (const StaticProtocol::Condition& condition : replay_.protocol->conditions()) {
+  for (const StaticProtocol::Condition& condition : model().conditions()) {
     if (condition.report.side.empty() || condition.report.status != SolveStatus::converged) continue;
     for (const BenchReading& reading : readings_) {
       if (std::ranges::count(condition.rows, reading.row) > 0) lines[condition.report.side].insert(reading.line);
@@ -357,9 +376,9 @@ std::vector<std::string> StaticBench::sides_taken() const {
 
 std::vector<std::string> StaticBench::warnings_after() const {
   std::vector<std::string> warnings = sides_taken();
-  for (const StaticProtocol::Condition& condition : replay_.protocol->conditions()) {
+  for (const StaticProtocol::Condition& condition : model().conditions()) {
     if (condition.report.status != SolveStatus::converged || condition.u.size() == 0) continue;
-    const std::string where = replay_.protocol->describe(condition);
+    const std::string where = model().describe(condition);
     if (condition.report.left_saddle && condition.report.side.empty())
       warnings.push_back(
           fmt::format("at {} the straight path became unstable (buckling); the equilibrium on the side of "
@@ -384,8 +403,8 @@ std::string StaticBench::compare_models(const Params& p, const Eigen::VectorXd& 
   if (!choice_.protocol) return "";
   std::string doubt = choice_.doubt ? choice_.doubt() : "";
   const Stopwatch watch;
-  replay_.protocol->forget();
-  const Prediction full = replay_.protocol->predict(p, {});
+  protocol_->forget();
+  const Prediction full = protocol_->predict(p, {});
   const double took = watch.seconds();
   double largest = 0;
   for (Eigen::Index r = 0; r < values.size(); ++r) {
@@ -401,7 +420,7 @@ std::string StaticBench::compare_models(const Params& p, const Eigen::VectorXd& 
 
 std::vector<TangentStiffness> StaticBench::tangent_stiffness() const {
   std::vector<TangentStiffness> found;
-  const StaticProtocol& protocol = *replay_.protocol;
+  const StaticProtocol& protocol = model();
   const Mesh& mesh = protocol.scene().model->mesh();
   for (const LoadSettings& load : experiment_.loads) {
     const bool force = load.quantity == Quantity::force || load.quantity == Quantity::mass;
@@ -424,15 +443,15 @@ std::vector<TangentStiffness> StaticBench::tangent_stiffness() const {
 
 SolvedStates StaticBench::states() const {
   SolvedStates all;
-  all.mesh = &replay_.protocol->scene().model->mesh();
-  all.cables = replay_.cables;
+  all.mesh = &model().scene().model->mesh();
+  all.cables = replay().cables;
   if (!experiment_.gravity_direction.empty())
     all.down = experiment_.gravity_direction;
   else if (!experiment_.loads.empty())
     all.down = experiment_.loads.front().direction;
   // What is held first, the load second: states next to each other in the figures.
   std::vector<const StaticProtocol::Condition*> solved;
-  for (const StaticProtocol::Condition& condition : replay_.protocol->conditions()) {
+  for (const StaticProtocol::Condition& condition : model().conditions()) {
     if (condition.report.status == SolveStatus::converged) solved.push_back(&condition);
   }
   const auto held_then_load = [&](const StaticProtocol::Condition* one, const StaticProtocol::Condition* other) {
@@ -459,11 +478,11 @@ SolvedStates StaticBench::states() const {
 
 std::vector<CableState> StaticBench::cable_states() const {
   std::vector<CableState> states;
-  const StaticProtocol& protocol = *replay_.protocol;
+  const StaticProtocol& protocol = model();
   const Mesh& mesh = protocol.scene().model->mesh();
-  for (size_t c = 0; c < replay_.cables.size(); ++c) {
-    const auto tension = make_cable_tension(mesh, replay_.cables[c]);
-    const auto length = make_cable_length(mesh, replay_.cables[c]);
+  for (size_t c = 0; c < replay().cables.size(); ++c) {
+    const auto tension = make_cable_tension(mesh, replay().cables[c]);
+    const auto length = make_cable_length(mesh, replay().cables[c]);
     for (const StaticProtocol::Condition& condition : protocol.conditions()) {
       if (condition.report.status != SolveStatus::converged) continue;
       const Point at{condition.u, condition.p};

@@ -3,6 +3,7 @@
 #include <string>
 #include <vector>
 
+#include "calib/benches/assumptions.hpp"
 #include "calib/benches/bench.hpp"
 #include "calib/benches/static_replay.hpp"
 
@@ -19,15 +20,10 @@ class StaticBench final : public Bench {
   /// Throws InputError.
   StaticBench(Experiment experiment, Trials trials);
 
-  void use(const CheaperModels& models) override {
-    models_ = models;
-    choice_ = models.choose(experiment_, trials_, replay_);
-  }
+  void use(const CheaperModels& models) override;
   const Trials* trials_at_rest() const override { return &trials_; }
-  Protocol& protocol() const override { return choice_.protocol ? *choice_.protocol : *replay_.protocol; }
-  std::vector<FreeParameter> better_starts(const std::vector<FreeParameter>& free) const override {
-    return models_.starts ? models_.starts(experiment_, trials_, free) : free;
-  }
+  Protocol& protocol() const override { return choice_.protocol ? *choice_.protocol : *protocol_; }
+  std::vector<FreeParameter> better_starts(const std::vector<FreeParameter>& free) const override;
   std::vector<CurveRecord> curves(const Params& p, const std::vector<FreeParameter>& free,
                                   const Eigen::MatrixXd& covariance, const Ask& ask) const override;
   std::unique_ptr<Bench> with(const VariantSettings& variant) const override;
@@ -35,7 +31,7 @@ class StaticBench final : public Bench {
   std::unique_ptr<Bench> at_loads(const std::string& path) const override;
   std::vector<double> values_of(size_t control) const override;
   std::string model_text() const override { return model_text_; }
-  int unknowns() const override { return replay_.protocol->scene().model->free_unknowns(); }
+  int unknowns() const override { return model().scene().model->free_unknowns(); }
   std::string size_text() const override;
   Lines describe() const override;
   std::vector<std::string> warnings_before() const override;
@@ -53,6 +49,8 @@ class StaticBench final : public Bench {
   std::string effort() const override;
 
  private:
+  const StaticReplay& replay() const { return protocol_->replay(); }
+  const StaticProtocol& model() const { return *replay().protocol; }
   void find_axes();
   void find_readings();
   std::string series_of(const std::vector<double>& controls) const;
@@ -64,7 +62,7 @@ class StaticBench final : public Bench {
   std::vector<std::string> sides_taken() const;
 
   Trials trials_;
-  StaticReplay replay_;
+  std::unique_ptr<DimensionedProtocol> protocol_;  ///< of the full model, with the dimensions that are free
   ModelChoice choice_;
   CheaperModels models_;
   std::string model_text_;

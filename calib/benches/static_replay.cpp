@@ -6,6 +6,7 @@
 #include <cmath>
 #include <map>
 
+#include "calib/benches/assumptions.hpp"
 #include "sim/core/error.hpp"
 #include "sim/mesh/weights.hpp"
 #include "sim/shapes/geometry.hpp"
@@ -58,13 +59,27 @@ StaticReplay make_static_replay(const Experiment& experiment, const MeshSettings
   return bench;
 }
 
+namespace {
+
+InputError unknown_parameter(const Experiment& experiment, const Protocol& protocol, const std::string& id) {
+  std::vector<std::string> known = protocol.parameters().ids(), lengths;
+  for (const Dimension& dimension : dimensions_of(experiment)) {
+    if (!protocol.parameters().contains(dimension.spec.id)) lengths.push_back(dimension.spec.id);
+  }
+  const std::string of_model = join(known);
+  known.insert(known.end(), lengths.begin(), lengths.end());
+  return InputError(fmt::format("unknown parameter '{}'{}; the model has: {}{}", id, did_you_mean(id, known), of_model,
+                                lengths.empty() ? "" : "; lengths that may be fitted: " + join(lengths)));
+}
+
+}  // namespace
+
 std::vector<FreeParameter> free_parameters(const Experiment& experiment, const Protocol& protocol) {
   std::vector<FreeParameter> free;
   for (const FreeSettings& settings : experiment.free) {
     at(experiment, fmt::format("[fit.free.{}]", settings.id), [&] {
       FreeParameter parameter;
-      if (settings.id == "thickness" && !protocol.parameters().contains("thickness"))
-        throw InputError("the thickness of a solid is that of its mesh and cannot be fitted; free it in a plane model");
+      if (!protocol.parameters().contains(settings.id)) throw unknown_parameter(experiment, protocol, settings.id);
       parameter.index = protocol.parameters().index(settings.id);
       for (const BenchFormat::Control& control : experiment.bench.controls) {
         if (control.id == settings.id)

@@ -376,11 +376,10 @@ std::vector<Explanation> explanations_of(const Bench& bench, const FitResult& fi
   const Trials* trials = bench.trials_at_rest();
   std::optional<DimensionedProtocol> dimensioned;
   if (trials != nullptr && bench.one_model() && bench.experiment().model == Rung::full)
-    dimensioned.emplace(bench.experiment(), *trials);
+    dimensioned.emplace(bench.experiment(), *trials, dimensions_of(bench.experiment()));
   Protocol& protocol = dimensioned ? static_cast<Protocol&>(*dimensioned) : bench.protocol();
   const ParameterTable& table = protocol.parameters();
-  Params p = protocol.nominal();
-  p.head(fit.p.size()) = fit.p;
+  const Params p = dimensioned ? dimensioned->values_of(fit) : fit.p;
   std::vector<int> columns;
   for (const ParameterEstimate& estimate : fit.parameters) columns.push_back(table.index(estimate.spec.id));
   for (const AxisRecord& axis : bench.controls()) {

@@ -24,10 +24,9 @@ std::vector<Share> assumption_shares(const Experiment& experiment, const Trials&
   if (fit.covariance.size() == 0) return shares;
   const Stopwatch watch;
   if (progress) progress("the shares of what was assumed");
-  DimensionedProtocol protocol(experiment, trials);
+  DimensionedProtocol protocol(experiment, trials, dimensions_of(experiment));
   const ParameterTable& table = protocol.parameters();
-  Params p = protocol.nominal();
-  p.head(fit.p.size()) = fit.p;
+  const Params p = protocol.values_of(fit);
   const std::vector<Assumption> assumptions = assumptions_of(experiment, table, p, protocol.dimensions());
   std::vector<FreeParameter> free;
   for (const ParameterEstimate& e : fit.parameters) free.push_back({table.index(e.spec.id), e.value, e.lower, e.upper});

@@ -7,7 +7,7 @@
 #include <map>
 #include <optional>
 
-#include "calib/benches/bench.hpp"
+#include "calib/benches/assumptions.hpp"
 #include "calib/benches/model.hpp"
 #include "calib/fit/goodness_of_fit.hpp"
 #include "sim/core/dense.hpp"
@@ -75,8 +75,10 @@ struct Fitted {
   /// Where the fit would end with other settings. `what` is told before that is computed.
   Shift shift_with(const MeshSettings& settings, const std::string& what) const {
     if (progress) progress(what);
-    const StaticReplay bench = make_static_replay(experiment, settings, trials);
-    StaticProtocol& protocol = *bench.protocol;
+    Experiment with = experiment;
+    with.mesh = settings;
+    DimensionedProtocol protocol(with, trials, free_dimensions(with));
+    if (!protocol.left_out().empty()) return {{}, protocol.left_out().front()};
     const ParameterTable& table = protocol.parameters();
     std::vector<FreeParameter> free;
     for (const ParameterEstimate& e : fit.parameters)
@@ -85,7 +87,7 @@ struct Fitted {
     for (const FreeParameter& parameter : free) p[parameter.index] = parameter.start;
     const Prediction prediction = ask ? ask(protocol, p, indices_of(free)) : protocol.predict(p, indices_of(free));
     if (!prediction.complete()) return {{}, prediction.failures.front()};
-    return {gauss_newton_step(prediction, bench.measurements, table, p, free), ""};
+    return {gauss_newton_step(prediction, protocol.replay().measurements, table, p, free), ""};
   }
 
   Share mesh_share(const Shift& own) const {
@@ -172,7 +174,6 @@ struct Fitted {
 /// Whether the experiment is a plane section in place of a solid that can be modelled too.
 bool may_be_deepened(const Experiment& experiment) {
   if (experiment.geometry.dimension != 2 || experiment.geometry.plane != Plane::strain) return false;
-  if (std::ranges::find(experiment.free, "thickness", &FreeSettings::id) != experiment.free.end()) return false;
   try {
     as_solid(experiment, deepened(experiment, experiment.mesh).depth_cells);
   } catch (const InputError&) {

@@ -21,6 +21,10 @@ InputFile* input_of(Shape& shape) {
 }  // namespace
 
 Mesh make_mesh(const GeometrySettings& geometry, const MeshSettings& settings, bool contact, bool compensate) {
+  if (geometry.mesh) {
+    geometry.shape->check();
+    return *geometry.mesh;
+  }
   Mesh section = geometry.shape->mesh(settings, contact, compensate);
   return settings.depth_cells > 0 ? extrude(section, 0.5 * geometry.thickness, settings.depth_cells) : section;
 }

@@ -12,7 +12,8 @@ struct GeometrySettings {
   std::shared_ptr<const Shape> shape;  ///< none: nothing is meshed
   double thickness = 1;                ///< 2D [m]
   Plane plane = Plane::strain;
-  int dimension = 3;                  ///< of the model: a plane shape may be swept to a solid
+  int dimension = 3;                           ///< of the model: a plane shape may be swept to a solid
+  std::shared_ptr<const Mesh> mesh = nullptr;  ///< in place of the shape's own, whatever the settings; null: its own
   std::vector<std::string> left_out;  ///< dimensions that the file does not give: those of the shape's own making
 
   std::string kind() const { return shape ? shape->kind() : ""; }  ///< "push_puppet", "" without a shape

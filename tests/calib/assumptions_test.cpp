@@ -1,11 +1,14 @@
 #include "calib/benches/assumptions.hpp"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
 
+#include "calib/benches/static_bench.hpp"
 #include "calib/fit/fit.hpp"
 #include "calib/studies/assumption_shares.hpp"
+#include "sim/mesh/weights.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/push_puppet.hpp"
 #include "tests/support/static_bench.hpp"
@@ -114,7 +117,7 @@ TEST_F(Assumptions, TolerancesThatMeanNothingAreRefusedWithTheirPlace) {
 TEST(SlowAssumptions, DerivativesWithRespectToDimensionsAreThoseOfWholePredictions) {
   Experiment e = reference_module(1);
   const Trials trials = conditions_of({0, 8e-3, 17.68e-3}, {0.05, 0.2});
-  DimensionedProtocol protocol(e, trials);
+  DimensionedProtocol protocol(e, trials, dimensions_of(e));
   EXPECT_TRUE(protocol.left_out().empty());
   std::vector<int> asked;
   for (const Dimension& d : protocol.dimensions()) asked.push_back(protocol.parameters().index(d.spec.id));
@@ -138,6 +141,91 @@ TEST(SlowAssumptions, DerivativesWithRespectToDimensionsAreThoseOfWholePredictio
         << differences.transpose() << "\n"
         << exact.transpose();
   }
+}
+
+/// The bar is 60 mm long, and its file says something else.
+TEST_F(Assumptions, AFreeLengthIsFoundFromABarsStretchAndTiedToItsModulus) {
+  std::string toml = replaced(bar(), "\"60 mm\"", "\"50 mm\"");
+  const double E = 0.0001 * 0.06 / (0.02 * 0.012 * 0.25e-6);
+  toml = replaced(toml, "E = \"100 kPa\"", fmt::format("E = \"{} kPa\"", E / 1e3));
+  const auto fitted = [&](const std::string& text) {
+    const Experiment experiment = experiment_in(folder_, text, bar_csv);
+    StaticBench bench(experiment, read_trials(experiment.bench));
+    return fit(bench.protocol(), bench.measurements(), bench.free(), {});
+  };
+  const FitResult length = fitted(replaced(toml, "[fit.free.E_foam]", "[fit.free.size_x]"));
+  ASSERT_EQ(length.status, FitStatus::converged) << length.message;
+  EXPECT_EQ(length.parameters[0].spec.id, "size_x");
+  EXPECT_NEAR(length.parameters[0].value, 0.06, 1e-4);
+  EXPECT_EQ(length.parameters[0].verdict, Verdict::well_determined);
+  // sigma 1 nm of readings of 0.25 and 0.5 um, twice each: dL/L = sigma / sqrt(sum y^2).
+  EXPECT_NEAR(length.parameters[0].standard_error, 0.06 * 1e-9 / std::sqrt(2 * (0.25e-6 * 0.25e-6 + 0.5e-6 * 0.5e-6)),
+              0.01 * length.parameters[0].standard_error);
+  const FitResult both = fitted(replaced(toml, "[fit.free.E_foam]", "[fit.free.size_x]\n[fit.free.E_foam]"));
+  for (const ParameterEstimate& estimate : both.parameters)
+    EXPECT_NE(estimate.verdict, Verdict::well_determined) << "only E / L is seen";
+}
+
+TEST_F(Assumptions, DimensionsThatAreNoneCostThePrediction) {
+  const Experiment e = experiment_in(folder_, replaced(bar(), "[fit.free.E_foam]", "[fit.free.size_y]"), bar_csv);
+  DimensionedProtocol protocol(e, read_trials(e.bench), free_dimensions(e));
+  Params p = protocol.nominal();
+  const int height = protocol.parameters().index("size_y");
+  p[height] = 0;
+  EXPECT_FALSE(protocol.predict(p, {height}).complete());
+  p[height] = 0.012;
+  EXPECT_TRUE(protocol.predict(p, {height}).complete()) << "the next one is as good as any";
+}
+
+/// Areas of the regions: of the mesh that moved, and of the shape's own.
+TEST(FreeDimensions, AMovedMeshHasTheShapesRegionsAndPlaces) {
+  const Experiment e = reference_module(1);
+  DimensionedProtocol protocol(e, conditions_of({0}, {0.05}), dimensions_of(e));
+  const auto areas_of = [](const Mesh& mesh) {
+    Eigen::VectorXd areas = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(mesh.region_names.size()));
+    const std::vector<double> measures = element_measures(mesh);
+    for (size_t i = 0; i < measures.size(); ++i) areas[mesh.region[i]] += measures[i];
+    return areas;
+  };
+  for (const Dimension& dimension : protocol.dimensions()) {
+    Params p = protocol.nominal();
+    const double length = 1.03 * dimension.value;
+    p[protocol.parameters().index(dimension.spec.id)] = length;
+    ASSERT_TRUE(protocol.predict(p, {}).complete()) << dimension.spec.id;
+    Experiment own = e;
+    dimension.set(own, length);
+    const Mesh expected = make_mesh(own, own.mesh), &mesh = protocol.replay().protocol->scene().model->mesh();
+    EXPECT_NEAR(mesh.diagonal(), expected.diagonal(), 1e-7 * expected.diagonal()) << dimension.spec.id;
+    EXPECT_LT((areas_of(mesh) - areas_of(expected)).norm(), 1e-5 * areas_of(expected).norm()) << dimension.spec.id;
+  }
+}
+
+/// A module whose gaps are not what its file says, from readings of a mesh of its own.
+TEST(SlowFreeDimensions, TheGapsOfAModuleAreFoundFromItsReadings) {
+  Experiment e = reference_module(1);
+  Trials trials = conditions_of({0, 8e-3, 17.68e-3}, {0.05, 0.2});
+  const StaticReplay truth = make_static_replay(e, e.mesh, trials);
+  const Prediction readings = truth.protocol->predict(truth.protocol->nominal(), {});
+  ASSERT_TRUE(readings.complete());
+  for (size_t i = 0; i < trials.readings.size(); ++i) {
+    trials.readings[i].value = readings.values[truth.row_of_reading[i]];
+    trials.readings[i].sigma = 1e-5;
+  }
+  const double gaps = e.geometry.as<PushPuppet>().gap_total;
+  PushPuppet said = e.geometry.as<PushPuppet>();
+  said.gap_total = 1.05 * gaps;
+  set_module(e, said);
+  e.free.clear();
+  for (const char* id : {"E_foam", "gap_total"}) e.free.emplace_back().id = id;
+  e.materials[0].constants["E"] *= 1.1;
+  DimensionedProtocol protocol(e, trials, free_dimensions(e));
+  FitOptions options;
+  options.profiles = false;
+  const FitResult result = fit(protocol, protocol.replay().measurements, free_parameters(e, protocol), options);
+  ASSERT_EQ(result.status, FitStatus::converged) << result.message;
+  EXPECT_NEAR(result.parameters[0].value, 50e3, 25);
+  EXPECT_NEAR(result.parameters[1].value, gaps, 5e-4 * gaps);
+  EXPECT_LT(result.chi_squared, 0.1);
 }
 
 TEST(TotalInterval, AddsWhatCountsAsRootOfSquaresAndSaysWhatIsNotKnown) {

@@ -1,3 +1,4 @@
+#include "calib/benches/assumptions.hpp"
 #include "calib/files/experiment.hpp"
 #include "sim/shapes/grid.hpp"
 #include "tests/support/message.hpp"
@@ -133,16 +134,23 @@ TEST(SlowSolid, AClosedModuleWithLinearElementsCarriesALoad) {
   EXPECT_GT(make_cable_tension(protocol.scene().model->mesh(), bench.cables[0])->value(at), 10);
 }
 
-TEST(Solid, TheThicknessIsNoParameterOfASolid) {
+/// Where a plane section has a parameter, it is a dimension.
+TEST(Solid, TheThicknessOfASolidIsADimensionOfItsMesh) {
   Experiment e = cantilever(0.01, Plane::strain);
   e.mesh.depth_cells = 1;
-  const StaticReplay bench = make_static_replay(e, e.mesh, one_load(1e-3));
-  EXPECT_FALSE(bench.protocol->parameters().contains("thickness"));
-  EXPECT_TRUE(bench.protocol->parameters().contains("E_foam"));
+  const Trials trials = one_load(1e-3);
+  EXPECT_FALSE(make_static_replay(e, e.mesh, trials).protocol->parameters().contains("thickness"));
   FreeSettings thickness;
   thickness.id = "thickness";
   e.free = {thickness};
-  expect_input_error([&] { free_parameters(e, *bench.protocol); }, {"[fit.free.thickness]", "solid", "plane model"});
+  DimensionedProtocol protocol(e, trials, free_dimensions(e));
+  ASSERT_TRUE(protocol.parameters().contains("thickness"));
+  Params p = protocol.nominal();
+  const double thin = protocol.predict(p, {}).values[0];
+  p[protocol.parameters().index("thickness")] *= 1.1;
+  Experiment thicker = e;
+  thicker.geometry.thickness *= 1.1;
+  EXPECT_NEAR(protocol.predict(p, {}).values[0], displacements(thicker, trials)[0], 1e-6 * thin);
 }
 
 TEST(Solid, WhatHasNoHalfInSpaceIsRefused) {
