@@ -55,6 +55,7 @@ bool only_pressed(const Look& look) {
   return !look.own_weight() && !look.experiment.loads.empty();
 }
 
+/// Whether a chain of beams may say something of the readings.
 bool for_beams(const Look& look) {
   return look.spine && look.at_rest() && look.bench.trials_at_rest() != nullptr &&
          look.experiment.mesh.depth_cells == 0 && !only_pressed(look);
@@ -266,7 +267,7 @@ Sentences scale_for_beams(const Look& look) {
     found.push_back(fmt::format(
         "channel '{}': its readings are up to {:.2g} times off what a chain of beams says at the best E_{} from {} to "
         "{} "
-        "({} conditions without retraction){}{}",
+        "({} conditions){}{}",
         look.channel(view.channel), std::exp(std::min(within.apart, 20.0)), look.spine->soft,
         with_unit(range.least * range.start, "Pa", 2), with_unit(range.most * range.start, "Pa", 2), view.rows.size(),
         any.apart < well

@@ -13,10 +13,14 @@
 namespace taut {
 namespace {
 
+/// The way in which it is a chain of beams, clamped where the first support is.
 std::optional<Spine> spine_of(const Experiment& experiment) {
   if (!experiment.geometry.shape) return std::nullopt;
   try {
     const std::vector<Spine> spines = experiment.geometry.shape->spines();
+    for (const Spine& spine : spines) {
+      if (!experiment.supports.empty() && spine.clamped == experiment.supports.front().on) return spine;
+    }
     if (!spines.empty()) return spines.front();
   } catch (const InputError&) {  // its dimensions make it no chain
   }

@@ -26,7 +26,7 @@ struct Finding {
 };
 
 /// Looks at readings, settings and, where a chain of beams describes the specimen, at what that says of them. Solves
-/// nothing else. Kinds that go by probabilities are each silent on a clean bench but in fewer than 1 of 1000.
+/// nothing else. Clean readings alarm in fewer than one of a hundred files.
 std::vector<Finding> implausible(const Bench& bench);
 
 }  // namespace taut

@@ -173,8 +173,9 @@ Sentences wide_tolerances(const Look& look) {
     return found;
   for (const Assumption& one :
        assumptions_of(look.experiment, look.table, look.start, dimensions_of(look.experiment))) {
-    const bool relative = one.scale || one.unit != "1" || one.id.starts_with("nu_");
-    if (!relative || one.value == 0 || !(one.tolerance > 0.5 * std::abs(one.value))) continue;
+    // Pure numbers and slacks may be next to nothing.
+    if ((one.unit == "1" && !one.scale) || one.id == "slack" || one.value == 0) continue;
+    if (one.tolerance < std::abs(one.value)) continue;
     if (look.bench.sets(one.id) && !one.scale) continue;  // an error of its zero
     found.push_back(fmt::format("{} = {} with a tolerance of {}, {:.0f} % of it: is its unit right?", one.id,
                                 with_unit(one.value, one.unit), with_unit(one.tolerance, one.unit),
