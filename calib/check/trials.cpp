@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <boost/math/distributions/chi_squared.hpp>
 #include <boost/math/distributions/fisher_f.hpp>
 #include <boost/math/distributions/students_t.hpp>
@@ -360,8 +361,8 @@ Sentences noise_too_small(const Look& look) {
 Sentences noise_too_large(const Look& look) {
   Sentences found;
   for (const auto& [channel, ratio, dof, sigma] : scatters(look)) {
-    // Rounding alone can make repeats alike.
-    if (ratio < 1.0 / 8 && step_of(look.values_of(channel)) < sigma / 4)
+    // What all repeats share may be ten times their scatter, and rounding alone can make them alike.
+    if (ratio < 1.0 / 20 && step_of(look.values_of(channel)) < sigma / 4)
       found.push_back(fmt::format(
           "channel '{}': the declared noise ({} on average) is over {:.0f} times the repeats' scatter ({:.0f} degrees "
           "of freedom): errors of the fit would be too large by as much, unless it is meant to hold what all "
