@@ -47,7 +47,7 @@ void add_check_options(AddOption add, CommandOptions& options) {
 Command check_command() {
   return {"check",
           "EXPERIMENT",
-          "Reads an experiment and its bench, says what it understood, finds what cannot be right; solves beams at most.",
+          "Reads an experiment and its bench, says what it understood and what cannot be right; solves beams only.",
           "  taut check experiments/silicone_block/experiment.toml\n",
           add_check_options,
           check_main};
