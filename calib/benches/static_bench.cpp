@@ -9,7 +9,6 @@
 
 #include "calib/benches/assumptions.hpp"
 #include "calib/benches/model.hpp"
-#include "calib/data/plausibility.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/stopwatch.hpp"
 #include "sim/core/units.hpp"
@@ -343,12 +342,6 @@ std::vector<std::string> StaticBench::warnings_before() const {
     warnings.emplace_back(
         "linear elements bend too stiffly: a fitted modulus is too small by some per cent; compare with element = "
         "\"quadratic\"");
-  std::vector<std::string> retractions, units;
-  for (const auto& [id, column] : e.cables.columns) retractions.push_back(id);
-  for (const ChannelSettings& channel : e.channels) units.emplace_back(channel.kind->unit);
-  const double size = model().scene().model->mesh().diagonal();
-  for (const auto& found : {odd_repeats(trials_, units), out_of_proportion(trials_, retractions, units, size)})
-    warnings.insert(warnings.end(), found.begin(), found.end());
   return warnings;
 }
 

@@ -9,7 +9,7 @@
 #include <map>
 #include <optional>
 
-#include "calib/data/plausibility.hpp"
+#include "calib/data/slips.hpp"
 #include "calib/fit/goodness_of_fit.hpp"
 #include "sim/core/dense.hpp"
 #include "sim/core/units.hpp"

@@ -8,6 +8,7 @@
 #include <tuple>
 
 #include "calib/benches/assumptions.hpp"
+#include "calib/check/plausibility.hpp"
 #include "calib/fit/robust.hpp"
 #include "calib/fit/spread.hpp"
 #include "sim/core/error.hpp"
@@ -348,6 +349,7 @@ RunRecord start_record(const Bench& bench) {
     if (experiment.kind->specimen) record.series.push_back(from.series);
   }
   record.remarks = bench.warnings_before();
+  for (const Finding& finding : implausible(bench)) record.remarks.push_back(finding.sentence);
   for (const ReferenceValue& reference : experiment.references) {
     const ParameterSpec& spec = table[table.index(reference.parameter)];
     record.references.push_back(

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "calib/benches/assumptions.hpp"
+#include "calib/benches/bench.hpp"
 #include "calib/benches/model.hpp"
 #include "sim/core/numbers.hpp"
 #include "sim/core/stopwatch.hpp"

@@ -24,7 +24,7 @@ nlohmann::ordered_json check_json(const RunRecord& record, const ParameterTable&
   return json;
 }
 
-/// Reads experiment, bench and model, says what was understood and what looks wrong.
+/// Reads experiment, bench and model, says what was understood and what cannot be right.
 int check_main(const CommandOptions& options) {
   if (is_simulation(options.target)) return check_simulation(options);
   const std::unique_ptr<Bench> bench = open_bench(options.target, {options.threads, options.stop});
@@ -47,7 +47,7 @@ void add_check_options(AddOption add, CommandOptions& options) {
 Command check_command() {
   return {"check",
           "EXPERIMENT",
-          "Reads an experiment and its bench, says what it understood, finds problems; solves nothing.",
+          "Reads an experiment and its bench, says what it understood and what cannot be right; solves beams only.",
           "  taut check experiments/silicone_block/experiment.toml\n",
           add_check_options,
           check_main};

@@ -167,6 +167,25 @@ TEST_F(Command, CheckWarnsAboutElementsThatLock) {
   EXPECT_EQ(json::parse(nothing_free.out).at("free"), json::array());
 }
 
+TEST_F(Command, WhatIsImplausibleIsAWarningOfCheckAndFitAndAnErrorWithStrict) {
+  simulate_readings();
+  EXPECT_EQ(taut({"check", experiment_, "--strict"}).code, 0);
+  std::string csv = text_of(folder_ / "beam/bench.csv");
+  folder_.write("beam/bench.csv", csv.insert(csv.rfind('.') + 3, "0"));  // one more digit is no other number
+  EXPECT_EQ(taut({"check", experiment_, "--strict"}).code, 0);
+  folder_.write("beam/bench.csv", csv.erase(csv.rfind('.'), 1));  // the last reading without its point
+  const Outcome warned = taut({"check", experiment_}), strict = taut({"check", experiment_, "--strict"});
+  EXPECT_EQ(warned.code, 0);
+  expect_holds(warned.out, {"warning: line 3", "where its repeat says", "smaller by 1000"});
+  EXPECT_EQ(strict.code, 2);
+  EXPECT_EQ(strict.out, warned.out);
+  expect_holds(json::parse(taut({"check", experiment_, "--json"}).out).at("warnings").dump(), {"line 3"});
+  const Outcome fit = taut({"fit", experiment_, "--out", folder_ / "run"});
+  const size_t warning = fit.err.find("warning: line 3"), begin = fit.err.find("fitting ");
+  EXPECT_LT(warning, begin) << fit.err;
+  EXPECT_NE(begin, std::string::npos) << fit.err;
+}
+
 // ---- draw
 
 TEST_F(Command, DrawNeedsNoBenchAndNamesItsFiles) {
