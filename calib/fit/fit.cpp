@@ -1,14 +1,14 @@
 #include "calib/fit/fit.hpp"
 
-#include <ceres/ceres.h>
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 
 #include "calib/fit/goodness_of_fit.hpp"
+#include "calib/fit/profile.hpp"
+#include "calib/fit/search.hpp"
 #include "sim/core/dense.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/numbers.hpp"
@@ -17,381 +17,6 @@
 
 namespace taut {
 namespace {
-
-constexpr double z95 = 1.959963984540054;   ///< 97.5 % quantile of the normal distribution
-constexpr double profile_rise = z95 * z95;  ///< rise of chi squared at the ends of a 95 % profile interval
-
-/// A fall of chi squared that is another minimum: a tenth of a standard error.
-constexpr double lower_minimum = 0.01;
-
-/// A free parameter on the scale on which it is fitted: its logarithm for moduli and stiffnesses, itself otherwise.
-struct Scale {
-  bool logarithmic;
-  double lower = 0, upper = 0;  ///< bounds, fitted scale
-
-  double inside(double si) const { return logarithmic ? std::log(si) : si; }
-  double outside(double q) const { return logarithmic ? std::exp(q) : q; }
-  double slope(double si) const { return logarithmic ? si : 1.0; }  ///< d outside / d inside
-  double clamped(double q) const { return std::clamp(q, lower, upper); }
-  double room(double q) const { return std::min(q - lower, upper - q); }
-  /// What a change of the parameter at q is compared with: one for a logarithm, else the range that it may have.
-  double range(double q) const {
-    if (logarithmic) return 1;
-    return std::isfinite(upper - lower) ? upper - lower : std::max(std::abs(q), 1e-12);
-  }
-};
-
-/// Noise-scaled residuals (predicted - measured) / sigma and their derivatives on the fitted scale, evaluated for
-/// Ceres. The newest evaluation is kept, because Ceres asks for residuals first and for derivatives at the same point
-/// later.
-class Evaluator {
- public:
-  Evaluator(Protocol& protocol, const std::vector<Measurement>& measurements, const std::vector<FreeParameter>& free,
-            const FitOptions& options)
-      : protocol_(protocol), measurements_(measurements), free_(free), options_(options) {
-    for (const FreeParameter& parameter : free) {
-      indices_.push_back(parameter.index);
-      Scale& scale = scales_.emplace_back(Scale{protocol.parameters()[parameter.index].logarithmic});
-      scale.lower = scale.inside(parameter.lower);
-      scale.upper = scale.inside(parameter.upper);
-    }
-  }
-
-  const Scale& scale(Eigen::Index j) const { return scales_[static_cast<size_t>(j)]; }
-  Eigen::Index count() const { return static_cast<Eigen::Index>(free_.size()); }
-  int residual_count() const { return static_cast<int>(measurements_.size()); }
-  bool stopped() const { return options_.stop != nullptr && options_.stop->load(); }
-
-  /// The free parameters in SI.
-  std::vector<double> values(const Eigen::VectorXd& q) const {
-    std::vector<double> si;
-    for (Eigen::Index j = 0; j < count(); ++j) si.push_back(scale(j).outside(q[j]));
-    return si;
-  }
-
-  Params params(const Eigen::VectorXd& q) const {
-    Params p = options_.held.size() > 0 ? options_.held : protocol_.nominal();
-    const std::vector<double> si = values(q);
-    for (size_t j = 0; j < si.size(); ++j) p[indices_[j]] = std::clamp(si[j], free_[j].lower, free_[j].upper);
-    return p;
-  }
-
-  /// False when a simulation failed.
-  bool evaluate(const Eigen::VectorXd& q) {
-    if (point_.size() > 0 && point_ == q) return ok_;
-    point_ = q;
-    ++evaluations;
-    prediction_ = protocol_.predict(params(q), indices_);
-    ok_ = prediction_.complete();
-    if (!ok_) {
-      ++failed;
-      last_failure = q;
-      for (const std::string& failure : prediction_.failures) {
-        if (failures.size() < 5) failures.push_back(failure);
-      }
-      return false;
-    }
-    const std::vector<double> si = values(q);
-    for (Eigen::Index j = 0; j < count(); ++j)
-      prediction_.derivatives.col(j) *= scale(j).slope(si[static_cast<size_t>(j)]);
-    if (options_.progress)
-      options_.progress({phase_, evaluations, std::max(0, phase_end_ - evaluations), chi_squared(), si});
-    return true;
-  }
-
-  /// What the next evaluations are for, and how many that usually takes.
-  void begin(std::string phase, int usual_evaluations) {
-    phase_ = std::move(phase);
-    phase_end_ = evaluations + usual_evaluations;
-  }
-
-  /// Makes the next evaluation ask the protocol even at the same point.
-  void reset() {
-    point_.resize(0);
-    prediction_ = {};
-  }
-
-  const Prediction& prediction() const { return prediction_; }
-  const Eigen::VectorXd& point() const { return point_; }  ///< of the newest evaluation
-
-  Eigen::VectorXd residuals() const { return noise_scaled(prediction_, measurements_).residuals; }
-  Eigen::MatrixXd jacobian() const { return noise_scaled(prediction_, measurements_).jacobian; }
-  double chi_squared() const { return residuals().squaredNorm(); }
-
-  int evaluations = 0, failed = 0;
-  std::vector<std::string> failures;
-  Eigen::VectorXd last_failure;  ///< where the last simulation failed, fitted scale; empty: none did
-
- private:
-  Protocol& protocol_;
-  const std::vector<Measurement>& measurements_;
-  const std::vector<FreeParameter>& free_;
-  const FitOptions& options_;
-  std::vector<int> indices_;
-  std::vector<Scale> scales_;
-  Eigen::VectorXd point_;
-  Prediction prediction_;
-  bool ok_ = false;
-  std::string phase_;
-  int phase_end_ = 0;  ///< where it usually ends
-};
-
-/// All residuals as one block, because one simulation yields them all.
-class ResidualBlock final : public ceres::CostFunction {
- public:
-  explicit ResidualBlock(Evaluator& evaluator) : evaluator_(evaluator) {
-    set_num_residuals(evaluator.residual_count());
-    mutable_parameter_block_sizes()->assign(static_cast<size_t>(evaluator.count()), 1);
-  }
-  bool Evaluate(double const* const* blocks, double* residuals, double** jacobians) const override {
-    Eigen::VectorXd q(evaluator_.count());
-    for (Eigen::Index j = 0; j < q.size(); ++j) q[j] = blocks[j][0];
-    if (!evaluator_.evaluate(q)) return false;
-    Eigen::Map<Eigen::VectorXd>(residuals, num_residuals()) = evaluator_.residuals();
-    if (jacobians == nullptr) return true;
-    const Eigen::MatrixXd J = evaluator_.jacobian();
-    for (Eigen::Index j = 0; j < q.size(); ++j) {
-      if (jacobians[j] != nullptr) Eigen::Map<Eigen::VectorXd>(jacobians[j], num_residuals()) = J.col(j);
-    }
-    return true;
-  }
-
- private:
-  Evaluator& evaluator_;
-};
-
-/// Decrease of chi squared that a Gauss-Newton step from the newest evaluation at `q` promises; it is the square of the
-/// step in standard errors. Parameters at bounds that hold them do not count, nor does `held`.
-double promised_decrease(const Evaluator& at, const Eigen::VectorXd& q, Eigen::Index held) {
-  const Eigen::VectorXd r = at.residuals();
-  const Eigen::MatrixXd J = at.jacobian();
-  Eigen::MatrixXd open = J;
-  for (Eigen::Index j = 0; j < q.size(); ++j) {
-    const Scale& scale = at.scale(j);
-    const double downhill = -J.col(j).dot(r), room = downhill > 0 ? scale.upper - q[j] : q[j] - scale.lower;
-    if (room < 1e-6 * scale.range(q[j]) || j == held) open.col(j).setZero();
-  }
-  return (open * minimum_norm_solution(open, r)).squaredNorm();
-}
-
-/// Ends a search that is interrupted, or that has nothing more to gain: that saves the evaluation which would show it.
-class StopCallback final : public ceres::IterationCallback {
- public:
-  StopCallback(const Evaluator& evaluator, Eigen::Index held, double tolerance)
-      : evaluator_(evaluator), held_(held), tolerance_(tolerance) {}
-  ceres::CallbackReturnType operator()(const ceres::IterationSummary& summary) override {
-    if (evaluator_.stopped()) return ceres::SOLVER_TERMINATE_SUCCESSFULLY;  // the best values so far are kept
-    if (!summary.step_is_successful) return ceres::SOLVER_CONTINUE;
-    const double promised = promised_decrease(evaluator_, evaluator_.point(), held_);
-    return promised <= 0.1 * tolerance_ * evaluator_.chi_squared() ? ceres::SOLVER_TERMINATE_SUCCESSFULLY
-                                                                   : ceres::SOLVER_CONTINUE;
-  }
-
- private:
-  const Evaluator& evaluator_;
-  Eigen::Index held_;
-  double tolerance_;
-};
-
-/// Lets a protocol search while it lives.
-struct Search {
-  Protocol& protocol;
-  explicit Search(Protocol& searching) : protocol(searching) { protocol.begin_search(); }
-  Search(const Search&) = delete;
-  Search& operator=(const Search&) = delete;
-  ~Search() { protocol.end_search(); }
-};
-
-struct Minimum {
-  ceres::Solver::Summary summary;
-  Eigen::VectorXd q;
-  double chi_squared = not_a_number;
-};
-
-constexpr double damped = 1, undamped = 1e4;  ///< trust-region radii: half a Gauss-Newton step, the whole step
-
-/// Levenberg-Marquardt from `q` with bounds; parameter `held` keeps its value.
-Minimum minimise(Evaluator& evaluator, const Eigen::VectorXd& q, Eigen::Index held, double radius,
-                 const FitOptions& options) {
-  Minimum minimum;
-  minimum.q = q;
-  if (!evaluator.evaluate(q)) {  // Ceres would say so on stderr
-    minimum.summary.message = "the simulation failed at the start";
-    return minimum;
-  }
-  ceres::Problem::Options problem_options;
-  problem_options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-  ResidualBlock block(evaluator);
-  ceres::Problem problem(problem_options);
-  std::vector<double*> blocks;
-  for (double& value : minimum.q) blocks.push_back(&value);
-  problem.AddResidualBlock(&block, nullptr, blocks);
-  for (Eigen::Index j = 0; j < q.size(); ++j) {
-    const Scale& scale = evaluator.scale(j);
-    double* const value = &minimum.q[j];
-    if (j == held) problem.SetParameterBlockConstant(value);
-    if (j != held && std::isfinite(scale.lower)) problem.SetParameterLowerBound(value, 0, scale.lower);
-    if (j != held && std::isfinite(scale.upper)) problem.SetParameterUpperBound(value, 0, scale.upper);
-  }
-  StopCallback stop(evaluator, held, options.tolerance);
-  ceres::Solver::Options solver;
-  solver.linear_solver_type = ceres::DENSE_QR;
-  solver.max_num_iterations = options.max_iterations;
-  solver.function_tolerance = options.tolerance;
-  solver.parameter_tolerance = 1e-10;
-  solver.gradient_tolerance = 1e-12;
-  solver.initial_trust_region_radius = radius;
-  solver.max_num_consecutive_invalid_steps = 20;  // failed simulations shorten the step, they do not end the fit
-  solver.logging_type = ceres::SILENT;
-  solver.callbacks.push_back(&stop);
-  ceres::Solve(solver, &problem, &minimum.summary);
-  minimum.chi_squared = 2 * minimum.summary.final_cost;
-  return minimum;
-}
-
-/// One Gauss-Newton step from `q` in the reciprocals of the logarithmic parameters (1/E instead of ln E): displacements
-/// of a linear solid are linear in those, so that a start a few times off comes near at once. At most a factor of
-/// three, because far from the truth the solid is not linear. Returns whether `q` moved; it stays when that does not
-/// lower chi squared.
-bool step_in_compliance(Evaluator& evaluator, Eigen::VectorXd& q) {
-  if (!evaluator.evaluate(q) || evaluator.stopped()) return false;
-  const Eigen::VectorXd r = evaluator.residuals();
-  // A least-squares step of minimum norm: parameters that the readings do not see stay where they are.
-  const Eigen::VectorXd step = -minimum_norm_solution(evaluator.jacobian(), r);
-  Eigen::VectorXd trial = q;
-  for (Eigen::Index j = 0; j < q.size(); ++j) {
-    const Scale& scale = evaluator.scale(j);
-    trial[j] += scale.logarithmic ? -std::log1p(-std::clamp(step[j], -2.0, 2.0 / 3.0)) : step[j];
-    trial[j] = scale.clamped(trial[j]);
-  }
-  if (trial == q || !evaluator.evaluate(trial) || !(evaluator.chi_squared() < r.squaredNorm())) return false;
-  q = trial;
-  return true;
-}
-
-/// One end of a profile interval: where chi squared, minimised over all other parameters, has risen by `profile_rise`,
-/// going from the optimum in direction `sign`. Fitted scale.
-class ProfileEnd {
- public:
-  /// `covariance` says how the other parameters follow, to first order. The points looked at are added to `visited`,
-  /// and the lowest of them is `lowest` if that was higher; the search ends there.
-  ProfileEnd(Evaluator& evaluator, const Minimum& best, const Eigen::MatrixXd& covariance, Eigen::Index j, int sign,
-             const FitOptions& options, std::vector<std::pair<double, double>>& visited, Minimum& lowest)
-      : evaluator_(evaluator),
-        best_(best),
-        slopes_(covariance.col(j)),
-        j_(j),
-        sign_(sign),
-        options_(options),
-        visited_(visited),
-        lowest_(lowest),
-        inner_{best.q[j], 0, best.q},
-        outer_(inner_),
-        start_(best.q) {
-    // Of the rise: half a per cent.
-    options_.tolerance = std::min(1e-3, 0.005 * profile_rise / std::max(best.chi_squared, 1e-12));
-  }
-
-  /// Empty when chi squared has not risen so much at the bound, where simulations fail before it has, and, when
-  /// `alone`, where it would only because another parameter is at its bound.
-  std::optional<double> find(double guess, bool alone) {
-    if (!enclose(std::max(guess, 1e-6))) return std::nullopt;
-    narrow();
-    if (!std::isfinite(outer_.rise) || (alone && another_is_at_its_bound())) return std::nullopt;
-    return 0.5 * (inner_.q + outer_.q);
-  }
-
- private:
-  struct Place {
-    double q, rise;
-    Eigen::VectorXd all;  ///< parameters, the others where they are best
-  };
-
-  Place place_at(double q) {
-    const double moved = q - start_[j_];
-    for (Eigen::Index i = 0; i < start_.size(); ++i)
-      start_[i] = evaluator_.scale(i).clamped(start_[i] + moved * slopes_[i] / slopes_[j_]);
-    start_[j_] = q;
-    double rise = std::numeric_limits<double>::infinity();
-    if (start_.size() == 1) {
-      if (evaluator_.evaluate(start_)) rise = evaluator_.chi_squared() - best_.chi_squared;
-    } else {
-      const Minimum there = minimise(evaluator_, start_, j_, undamped, options_);
-      if (there.summary.termination_type != ceres::FAILURE) {
-        start_ = there.q;
-        rise = there.chi_squared - best_.chi_squared;
-      }
-    }
-    if (std::isfinite(rise)) visited_.emplace_back(evaluator_.scale(j_).outside(q), rise);
-    if (best_.chi_squared + rise < lowest_.chi_squared) {
-      lowest_.q = start_;
-      lowest_.chi_squared = best_.chi_squared + rise;
-    }
-    return {q, rise, start_};
-  }
-
-  /// So near the end, the rest of the way is a fraction of the way so far, if the rise is a parabola as expected.
-  bool nearly(const Place& place) const {
-    const double parabola = z95 * std::sqrt(slopes_[j_]);
-    const bool expected = std::abs(std::abs(place.q - best_.q[j_]) / parabola - 1) < 0.3;
-    return std::abs(place.rise / profile_rise - 1) < (expected ? 0.05 : 0.01);
-  }
-
-  /// Goes outwards by ever longer steps until the end is between the two places, or both are at it.
-  bool enclose(double step) {
-    const Scale& scale = evaluator_.scale(j_);
-    for (int expansion = 0; expansion < 12; ++expansion, step *= 2) {
-      if (evaluator_.stopped() || lowest_.chi_squared < best_.chi_squared - lower_minimum) return false;
-      const double q = inner_.q + sign_ * step;
-      const bool at_bound = sign_ > 0 ? q >= scale.upper : q <= scale.lower;
-      outer_ = place_at(at_bound ? (sign_ > 0 ? scale.upper : scale.lower) : q);
-      if (outer_.rise >= profile_rise || nearly(outer_)) break;
-      if (at_bound) return false;
-      inner_ = outer_;
-    }
-    if (!nearly(outer_)) return !(outer_.rise < profile_rise);
-    inner_.q = outer_.q = best_.q[j_] + (outer_.q - best_.q[j_]) * std::sqrt(profile_rise / outer_.rise);
-    return true;
-  }
-
-  void narrow() {
-    const double target = std::sqrt(profile_rise);
-    for (int i = 0; i < 12; ++i) {
-      const double apart = std::abs(outer_.q - inner_.q), way = std::abs(outer_.q - best_.q[j_]);
-      if (!(apart > 1e-3 * std::max(way, 1e-12)) || evaluator_.stopped()) return;
-      // The rise is nearly quadratic, so its root is nearly linear; bisect when that is of no use.
-      const double a = std::sqrt(std::max(inner_.rise, 0.0)), b = std::sqrt(outer_.rise);
-      double t = std::isfinite(b) && b > a ? (target - a) / (b - a) : 0.5;
-      t = i % 3 == 2 ? 0.5 : std::clamp(t, 0.05, 0.95);
-      const Place middle = place_at(inner_.q + t * (outer_.q - inner_.q));
-      if (nearly(middle)) {
-        inner_.q = outer_.q = middle.q;
-        outer_.all = middle.all;
-        return;
-      }
-      (middle.rise >= profile_rise ? outer_ : inner_) = middle;
-    }
-  }
-
-  bool another_is_at_its_bound() const {
-    for (Eigen::Index i = 0; i < start_.size(); ++i) {
-      const Scale& scale = evaluator_.scale(i);
-      if (i != j_ && scale.room(outer_.all[i]) < 1e-6 * scale.range(outer_.all[i])) return true;
-    }
-    return false;
-  }
-
-  Evaluator& evaluator_;
-  const Minimum& best_;
-  Eigen::VectorXd slopes_;  ///< covariances with the parameter
-  Eigen::Index j_;
-  int sign_;
-  FitOptions options_;
-  std::vector<std::pair<double, double>>& visited_;
-  Minimum& lowest_;
-  Place inner_, outer_;
-  Eigen::VectorXd start_;
-};
 
 /// True when a simulation failed beside the newest evaluation of `last`, at `q`, although chi squared still falls
 /// there.
@@ -419,6 +44,7 @@ constexpr double well = 0.1, weak = 0.7;
 
 /// Of chi squared per degree of freedom: from here on intervals of the noise say nothing, and are not searched for.
 constexpr double no_profiles = 100;
+
 Verdict verdict_of(const Spread& spread) {
   if (spread.joint <= well) return Verdict::well_determined;
   if (spread.joint <= weak) return Verdict::weakly_determined;
@@ -500,7 +126,7 @@ class Fit {
       find_covariance();
       lowest_ = best_;
       {
-        const Search profiles(protocol_);
+        const Searching profiles(protocol_);
         for (Eigen::Index j = 0; j < evaluator_.count() && !lower_found(); ++j) judge_parameter(j);
       }
       add_cost(result_.profiles);
@@ -546,14 +172,13 @@ class Fit {
 
   FitStatus search_status() const {
     if (evaluator_.stopped()) return FitStatus::interrupted;
-    if (best_.summary.IsSolutionUsable() && best_.summary.termination_type != ceres::NO_CONVERGENCE)
-      return FitStatus::converged;
+    if (best_.converged) return FitStatus::converged;
     return evaluator_.failed > 0 && evaluator_.failed == evaluator_.evaluations ? FitStatus::start_failed
                                                                                 : FitStatus::not_converged;
   }
 
   void search_once(bool first) {
-    const Search searching(protocol_);
+    const Searching searching(protocol_);
     const bool near = !first || step_in_compliance(evaluator_, best_.q);
     best_ = minimise(evaluator_, best_.q, -1, near ? undamped : damped, options_);
   }
@@ -573,9 +198,8 @@ class Fit {
     for (int round = 0; round < 3; ++round) {
       last_.reset();
       search_once(first && round == 0);
-      result_.iterations += std::max(0, static_cast<int>(best_.summary.iterations.size()) - 1);
-      result_.message = best_.summary.termination_type == ceres::USER_SUCCESS ? "a further step promises nothing more"
-                                                                              : best_.summary.message;
+      result_.iterations += best_.iterations;
+      result_.message = best_.message;
       result_.status = search_status();
       if (result_.status == FitStatus::start_failed || result_.status == FitStatus::interrupted) break;
       protocol_.forget();
