@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 
 #include "calib/fit/goodness_of_fit.hpp"
 #include "calib/fit/profile.hpp"
@@ -125,10 +126,7 @@ class Fit {
       if (result_.status != FitStatus::converged) return std::move(result_);
       find_covariance();
       lowest_ = best_;
-      {
-        const Searching profiles(protocol_);
-        for (Eigen::Index j = 0; j < evaluator_.count() && !lower_found(); ++j) judge_parameter(j);
-      }
+      find_intervals();
       add_cost(result_.profiles);
       if (!lower_found() || restart == most_restarts || evaluator_.stopped()) break;
       best_ = lowest_;
@@ -163,8 +161,63 @@ class Fit {
   /// Looking for the ends of intervals has met a lower chi squared than the search did.
   bool lower_found() const { return lowest_.chi_squared < best_.chi_squared - lower_minimum; }
 
-  /// Keeps the newest evaluation if it is the lowest.
+  /// Verdicts and intervals, until a lower chi squared is met.
+  void find_intervals() {
+    const Searching profiles(protocol_);
+    evaluator_.allow(options_.profile_budget, replay_factorisations_);
+    for (Eigen::Index j = 0; j < evaluator_.count() && !lower_found(); ++j) {
+      judge_parameter(j);
+      look_into_other_valleys();
+    }
+    // What a profile met tells of the ends of the others, too.
+    for (Eigen::Index j = 0; j < evaluator_.count() && !lower_found(); ++j) {
+      go_on_from_other_valleys(j, -1);
+      go_on_from_other_valleys(j, +1);
+    }
+    evaluator_.allow(std::numeric_limits<double>::infinity(), 0);
+  }
+
+  /// Where a point that was met promises another minimum, lower than the optimum and not the same, looks there.
+  void look_into_other_valleys() {
+    Promise best{{}, best_.chi_squared - lower_minimum};
+    size_t from = met_.size();
+    for (size_t k = 0; k < met_.size(); ++k) {
+      const Promise promise = promised_minimum(evaluator_, met_[k], -1, 0);
+      if (!(promise.chi_squared < best.chi_squared) || !((jacobian_ * (promise.q - best_.q)).norm() > 0.1)) continue;
+      best = promise;
+      from = k;
+    }
+    if (from == met_.size() || evaluator_.halted() || lower_found()) return;
+    met_.erase(met_.begin() + static_cast<std::ptrdiff_t>(from));  // one look is enough
+    evaluator_.begin("another valley", 4);
+    const Minimum there = minimise(evaluator_, best.q, -1, undamped, options_);
+    if (!there.failed && there.chi_squared < lowest_.chi_squared) lowest_ = there;
+  }
+
+  /// Whether an end of an interval lies in another valley farther out, as what was met promises; goes on from there.
+  void go_on_from_other_valleys(Eigen::Index j, int sign) {
+    ParameterEstimate& estimate = result_.parameters[static_cast<size_t>(j)];
+    std::optional<double>& end = sign < 0 ? estimate.lower95 : estimate.upper95;
+    if (!end || !profiles_wanted(j) || evaluator_.halted()) return;
+    const double at = evaluator_.scale(j).inside(*end);
+    Promise best{{}, best_.chi_squared + 0.8 * profile_rise};  // as far off as a parabola's end may be
+    for (const Linearised& met : met_) {
+      Promise promise = promised_minimum(evaluator_, met, j, at);
+      if (promise.chi_squared < best.chi_squared) best = std::move(promise);
+    }
+    if (best.q.size() == 0) return;
+    if (estimate.profile.empty()) estimate.profile.emplace_back(estimate.value, 0.0);
+    evaluator_.begin("profile of " + estimate.spec.id, 8);
+    const std::optional<double> farther =
+        ProfileEnd(evaluator_, around_, j, sign, options_, estimate.profile).go_on(at, best.q);
+    std::ranges::sort(estimate.profile);
+    end = farther ? std::optional(evaluator_.scale(j).outside(*farther)) : std::nullopt;
+    if (!end && estimate.verdict == Verdict::well_determined) estimate.verdict = Verdict::weakly_determined;
+  }
+
+  /// Remembers the newest evaluation, and keeps it if it is the lowest.
   void note_lowest() {
+    met_.push_back({evaluator_.point(), evaluator_.residuals(), evaluator_.jacobian()});
     if (!(evaluator_.chi_squared() < lowest_.chi_squared)) return;
     lowest_.q = evaluator_.point();
     lowest_.chi_squared = evaluator_.chi_squared();
@@ -204,7 +257,10 @@ class Fit {
       if (result_.status == FitStatus::start_failed || result_.status == FitStatus::interrupted) break;
       protocol_.forget();
       last_.reset();
-      if (!last_.evaluate(best_.q)) {
+      const int before = protocol_.factorisations();
+      const bool complete = last_.evaluate(best_.q);
+      replay_factorisations_ = protocol_.factorisations() - before;
+      if (!complete) {
         result_.status = last_.stopped() ? FitStatus::interrupted : FitStatus::not_converged;
         result_.message =
             "the optimum could not be computed again from the start of the path: " + last_.failures.front();
@@ -343,6 +399,10 @@ class Fit {
     const auto [partner, correlation] = partner_of(j);
     const std::string name = partner < 0 ? "" : result_.parameters[static_cast<size_t>(partner)].spec.id;
     estimate.explanation = explain(estimate, spread, compared_with, name, correlation);
+    if (evaluator_.spent() && profiles_wanted(j))
+      estimate.explanation += fmt::format(
+          " Its profile was not finished: profiles have taken the {:.3g} cold replays that they may.",
+          options_.profile_budget);
   }
 
   /// The parameter that j is correlated with most, -1 when it is alone, and how much.
@@ -368,11 +428,16 @@ class Fit {
     }
   }
 
+  bool profiles_wanted(Eigen::Index j) const {
+    return options_.profiles && result_.chi_squared < no_profiles * std::max(result_.dof, 1) && !held_by_bound(j) &&
+           !pushed_out();
+  }
+
   /// Whether chi squared rises at both ends of the parabola's interval as that promises, to a fifth, with the others
   /// following to first order.
   bool parabola_holds(Eigen::Index j) {
     for (const int sign : {-1, 1}) {
-      if (evaluator_.stopped()) return true;
+      if (evaluator_.halted()) return true;
       Eigen::VectorXd q = best_.q + sign * z95 / deviations_[j] * result_.covariance.col(j);
       for (Eigen::Index i = 0; i < q.size(); ++i) q[i] = evaluator_.scale(i).clamped(q[i]);
       if (!evaluator_.evaluate(q)) return false;
@@ -388,9 +453,7 @@ class Fit {
     const double reach = z95 * deviations_[j];
     std::optional<double> low = best_.q[j] - reach, high = best_.q[j] + reach;
     const bool doubtful = estimate.verdict != Verdict::well_determined || *low < scale.lower || *high > scale.upper;
-    const bool profiles = options_.profiles && !evaluator_.stopped() &&
-                          result_.chi_squared < no_profiles * std::max(result_.dof, 1) && !held_by_bound(j) &&
-                          !pushed_out();
+    const bool profiles = profiles_wanted(j) && !evaluator_.halted();
     if (doubtful) low = high = std::nullopt;
     evaluator_.begin("interval of " + estimate.spec.id, 2);
     if (profiles && (doubtful || options_.all_profiles || !parabola_holds(j))) {
@@ -398,11 +461,11 @@ class Fit {
       estimate.profile.emplace_back(estimate.value, 0.0);
       evaluator_.begin("profile of " + estimate.spec.id, doubtful ? 24 : 8);  // what the push-puppet module's take
       const auto end = [&](int sign) {
-        return ProfileEnd(evaluator_, best_, result_.covariance, j, sign, options_, estimate.profile, lowest_)
+        return ProfileEnd(evaluator_, around_, j, sign, options_, estimate.profile)
             .find(guess, estimate.verdict == Verdict::tied);
       };
       const std::optional<double> down = end(-1), up = lower_found() ? std::nullopt : end(+1);
-      if (!evaluator_.stopped()) {  // half a search is worth less than the parabola, or than nothing
+      if (!evaluator_.halted()) {  // half a search is worth less than the parabola, or than nothing
         low = down;
         high = up;
       }
@@ -427,8 +490,11 @@ class Fit {
   Evaluator evaluator_, last_;  ///< of the search; of the cold replay after it
   Stopwatch watch_;
   int factorisations_;
-  Minimum best_, lowest_;  ///< of the search; met since, where intervals were looked for
+  int replay_factorisations_ = 0;  ///< of one cold replay
+  Minimum best_, lowest_;          ///< of the search; met since, where intervals were looked for
+  std::vector<Linearised> met_;    ///< there
   FitResult result_;
+  const Surroundings around_{best_, result_.covariance, lowest_, met_};
   Eigen::MatrixXd jacobian_;             ///< at the end, fitted scale
   Eigen::VectorXd ranges_, deviations_;  ///< per parameter, fitted scale
 };

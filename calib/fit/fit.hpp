@@ -119,10 +119,11 @@ struct FitProgress {
 /// How long a fit searches, and how its intervals are found.
 struct FitOptions {
   int max_iterations = 60;
-  double tolerance = 1e-6;    ///< relative decrease of chi squared at which the fit ends: some thousandths of a sigma
-  bool profiles = true;       ///< search interval ends by profile likelihood where the parabola does not hold
-  bool all_profiles = false;  ///< and for all other parameters too
-  Params held;                ///< values of the parameters that are not free; empty: the protocol's nominal ones
+  double tolerance = 1e-6;      ///< relative decrease of chi squared at which the fit ends: some thousandths of a sigma
+  bool profiles = true;         ///< search interval ends by profile likelihood where the parabola does not hold
+  bool all_profiles = false;    ///< and for all other parameters too
+  double profile_budget = 200;  ///< what all profiles may cost, in cold replays; intervals after that are parabolas
+  Params held;                  ///< values of the parameters that are not free; empty: the protocol's nominal ones
   const std::atomic<bool>* stop = nullptr;
   std::function<void(const FitProgress&)> progress;
 };

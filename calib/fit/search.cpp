@@ -38,7 +38,7 @@ class StopCallback final : public ceres::IterationCallback {
   StopCallback(const Evaluator& evaluator, Eigen::Index held, double tolerance)
       : evaluator_(evaluator), held_(held), tolerance_(tolerance) {}
   ceres::CallbackReturnType operator()(const ceres::IterationSummary& summary) override {
-    if (evaluator_.stopped()) return ceres::SOLVER_TERMINATE_SUCCESSFULLY;  // the best values so far are kept
+    if (evaluator_.halted()) return ceres::SOLVER_TERMINATE_SUCCESSFULLY;  // the best values so far are kept
     if (!summary.step_is_successful) return ceres::SOLVER_CONTINUE;
     const double promised = promised_decrease(evaluator_, evaluator_.point(), held_);
     return promised <= 0.1 * tolerance_ * evaluator_.chi_squared() ? ceres::SOLVER_TERMINATE_SUCCESSFULLY
@@ -81,6 +81,7 @@ bool Evaluator::evaluate(const Eigen::VectorXd& q) {
   if (point_.size() > 0 && point_ == q) return ok_;
   point_ = q;
   ++evaluations;
+  if (cold_) protocol_.forget();
   prediction_ = protocol_.predict(params(q), indices_);
   ok_ = prediction_.complete();
   if (!ok_) {
@@ -97,6 +98,19 @@ bool Evaluator::evaluate(const Eigen::VectorXd& q) {
   if (options_.progress)
     options_.progress({phase_, evaluations, std::max(0, phase_end_ - evaluations), chi_squared(), si});
   return true;
+}
+
+double Evaluator::cost() const {
+  return by_calls_ ? evaluations : protocol_.factorisations();
+}
+
+void Evaluator::allow(double replays, int replay) {
+  by_calls_ = replay == 0;
+  allowed_ = cost() + replays * std::max(replay, 1);
+}
+
+bool Evaluator::spent() const {
+  return allowed_ && cost() >= *allowed_;
 }
 
 Eigen::VectorXd Evaluator::residuals() const {
@@ -117,6 +131,21 @@ double promised_decrease(const Evaluator& at, const Eigen::VectorXd& q, Eigen::I
     if (room < 1e-6 * scale.range(q[j]) || j == held) open.col(j).setZero();
   }
   return (open * minimum_norm_solution(open, r)).squaredNorm();
+}
+
+Promise promised_minimum(const Evaluator& evaluator, const Linearised& from, Eigen::Index held, double value) {
+  Promise promise{from.q, not_a_number};
+  Eigen::VectorXd residuals = from.residuals;
+  Eigen::MatrixXd open = from.jacobian;
+  if (held >= 0) {
+    promise.q[held] = value;
+    residuals += from.jacobian.col(held) * (value - from.q[held]);
+    open.col(held).setZero();
+  }
+  promise.q -= minimum_norm_solution(open, residuals);
+  for (Eigen::Index j = 0; j < promise.q.size(); ++j) promise.q[j] = evaluator.scale(j).clamped(promise.q[j]);
+  promise.chi_squared = (from.residuals + from.jacobian * (promise.q - from.q)).squaredNorm();
+  return promise;
 }
 
 Minimum minimise(Evaluator& evaluator, const Eigen::VectorXd& q, Eigen::Index held, double radius,
@@ -177,6 +206,20 @@ bool step_in_compliance(Evaluator& evaluator, Eigen::VectorXd& q) {
   if (trial == q || !evaluator.evaluate(trial) || !(evaluator.chi_squared() < r.squaredNorm())) return false;
   q = trial;
   return true;
+}
+
+std::vector<Eigen::VectorXd> designed_starts(const Evaluator& evaluator, const Eigen::VectorXd& q) {
+  std::vector<Eigen::VectorXd> starts;
+  for (int k = 0; k < 4; ++k) {
+    Eigen::VectorXd& start = starts.emplace_back(q);
+    for (Eigen::Index j = 0; j < q.size(); ++j) {
+      const bool up = j % 3 == 0 ? k % 2 == 0 : j % 3 == 1 ? k / 2 == 0 : (k == 0 || k == 3);
+      const Scale& scale = evaluator.scale(j);
+      const double reach = scale.logarithmic ? 0.5 * std::log(10.0) : 0.25 * scale.range(q[j]);
+      start[j] = scale.clamped(q[j] + (up ? reach : -reach));
+    }
+  }
+  return starts;
 }
 
 }  // namespace taut

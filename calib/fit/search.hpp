@@ -2,6 +2,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -40,6 +41,12 @@ class Evaluator {
   Eigen::Index count() const { return static_cast<Eigen::Index>(free_.size()); }
   int residual_count() const { return static_cast<int>(measurements_.size()); }
   bool stopped() const { return options_.stop != nullptr && options_.stop->load(); }
+  /// Lets the next predictions cost so many times one that takes `replay` matrix factorisations (0: that many calls).
+  void allow(double replays, int replay);
+  bool spent() const;                                   ///< what was allowed is used up
+  bool halted() const { return stopped() || spent(); }  ///< no further prediction is to be made
+  /// From here on each prediction goes the protocol's own path from its start.
+  void stay_cold() { cold_ = true; }
 
   std::vector<double> values(const Eigen::VectorXd& q) const;  ///< the free parameters in SI
   Params params(const Eigen::VectorXd& q) const;               ///< all parameters
@@ -77,7 +84,10 @@ class Evaluator {
   std::vector<Scale> scales_;
   Eigen::VectorXd point_;
   Prediction prediction_;
-  bool ok_ = false;
+  bool ok_ = false, cold_ = false;
+  std::optional<double> allowed_;  ///< of cost()
+  bool by_calls_ = false;
+  double cost() const;
   std::string phase_;
   int phase_end_ = 0;  ///< where it usually ends
 };
@@ -85,6 +95,21 @@ class Evaluator {
 /// Decrease of chi squared that a Gauss-Newton step from the newest evaluation at `q` promises; it is the square of the
 /// step in standard errors. Parameters at bounds that hold them do not count, nor does `held`.
 double promised_decrease(const Evaluator& at, const Eigen::VectorXd& q, Eigen::Index held);
+
+/// The residuals around a point, to first order.
+struct Linearised {
+  Eigen::VectorXd q, residuals;  ///< fitted scale; noise-scaled
+  Eigen::MatrixXd jacobian;
+};
+
+/// Where chi squared is lowest to first order, and how low.
+struct Promise {
+  Eigen::VectorXd q;
+  double chi_squared = not_a_number;
+};
+
+/// The lowest chi squared that `from` promises within the bounds, with parameter `held` at `value` (-1: all are free).
+Promise promised_minimum(const Evaluator& evaluator, const Linearised& from, Eigen::Index held, double value);
 
 /// Lets a protocol search while it lives.
 struct Searching {
@@ -116,5 +141,9 @@ Minimum minimise(Evaluator& evaluator, const Eigen::VectorXd& q, Eigen::Index he
 /// three, because far from the truth the solid is not linear. Returns whether `q` moved; it stays when that does not
 /// lower chi squared.
 bool step_in_compliance(Evaluator& evaluator, Eigen::VectorXd& q);
+
+/// Four other starts around `q`, a design of two levels in which each parameter stands twice on either side: by half a
+/// decade for logarithmic parameters, else a quarter of the range, and within the bounds.
+std::vector<Eigen::VectorXd> designed_starts(const Evaluator& evaluator, const Eigen::VectorXd& q);
 
 }  // namespace taut
