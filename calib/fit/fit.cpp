@@ -5,8 +5,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <limits>
 
+#include "calib/fit/branches.hpp"
 #include "calib/fit/goodness_of_fit.hpp"
 #include "calib/fit/profile.hpp"
 #include "calib/fit/search.hpp"
@@ -116,14 +118,13 @@ class Fit {
 
   FitResult run() {
     set_start();
-    for (int restart = 0;; ++restart) {
-      search(restart == 0);
-      forget_errors();
-      add_cost(result_.search);
-      list_estimates();
-      if (last_.prediction().values.size() == 0 || !last_.prediction().complete()) return std::move(result_);
-      judge_fit();
-      if (result_.status != FitStatus::converged) return std::move(result_);
+    const Eigen::VectorXd start = best_.q;
+    if (!find_optimum(true)) return std::move(result_);
+    if (options_.recover && is_astray()) follow_readings();
+    if (options_.recover && is_astray()) start_elsewhere(start);
+    add_cost(result_.search);
+    result_.evaluations = evaluator_.evaluations + last_.evaluations;
+    for (int restart = 0; result_.status == FitStatus::converged; ++restart) {
       find_covariance();
       lowest_ = best_;
       find_intervals();
@@ -131,8 +132,9 @@ class Fit {
       if (!lower_found() || restart == most_restarts || evaluator_.stopped()) break;
       best_ = lowest_;
       evaluator_.reset();
+      if (!find_optimum(false)) return std::move(result_);
     }
-    judge_partners();
+    if (result_.status == FitStatus::converged) judge_partners();
     return std::move(result_);
   }
 
@@ -148,6 +150,118 @@ class Fit {
       }
       best_.q[j] = evaluator_.scale(j).inside(free.start);
     }
+  }
+
+  /// Searches from where best_ is, and judges the fit there. False when there is no prediction to judge.
+  bool find_optimum(bool first) {
+    search(first);
+    forget_errors();
+    add_cost(result_.search);
+    list_estimates();
+    if (last_.prediction().values.size() == 0 || !last_.prediction().complete()) return false;
+    judge_fit();
+    return true;
+  }
+
+  /// Whether the readings are missed by more than their noise and their own scatter explain.
+  bool is_astray() const {
+    const LackOfFit& lack = result_.lack_of_fit;
+    return !evaluator_.stopped() && result_.status != FitStatus::interrupted && misses_readings(result_) &&
+           chi_squared_probability(lack.lack_of_fit, lack.lack_of_fit_dof) < 1e-6;
+  }
+
+  /// An optimum to come back to where something else is tried.
+  struct Kept {
+    Minimum best;
+    FitResult result;
+    Eigen::MatrixXd jacobian;
+    Prediction prediction;
+  };
+  Kept kept() const { return {best_, result_, jacobian_, last_.prediction()}; }
+  void restore(Kept to) {
+    best_ = std::move(to.best);
+    result_ = std::move(to.result);
+    jacobian_ = std::move(to.jacobian);
+    protocol_.forget();
+    last_.take(best_.q, std::move(to.prediction));
+    evaluator_.reset();
+  }
+
+  /// Whether a search from best_ ends with a chi squared that is lower than that `before` by more than `least`.
+  bool improves(const Kept& before, double least) {
+    evaluator_.reset();
+    return find_optimum(false) && !evaluator_.stopped() && result_.chi_squared < before.result.chi_squared - least &&
+           (result_.status == FitStatus::converged || before.result.status != FitStatus::converged);
+  }
+
+  /// Rows whose readings are nearer to another equilibrium than to that of the protocol's path are followed there,
+  /// where the fit comes to agree with them.
+  void follow_readings() {
+    const std::vector<int> rows = rows_elsewhere(protocol_.alternatives(result_.p), measurements_);
+    const Kept before = kept();
+    protocol_.forget();
+    evaluator_.reset();
+    if (rows.empty() || evaluator_.stopped()) return;
+    protocol_.follow(result_.p, rows);
+    if (!improves(before, 25)) {
+      protocol_.follow({}, {});
+      return restore(before);
+    }
+    result_.followed = rows;
+    result_.remarks.push_back(
+        fmt::format("{} row(s) with two equilibria are taken in the one that their readings agree with, not in that of "
+                    "loads that grow from rest: chi squared falls from {:.4g} to {:.4g}",
+                    rows.size(), before.result.chi_squared, result_.chi_squared));
+  }
+
+  /// Searches from other starts, and goes on from the best of them where that is better than what was found.
+  void start_elsewhere(const Eigen::VectorXd& start) {
+    const Kept before = kept();
+    evaluator_.allow(options_.restart_budget, replay_factorisations_);
+    Minimum lowest = best_;
+    std::vector<Eigen::VectorXd> tried{start};
+    int searches = 0;
+    for (const Eigen::VectorXd& designed : designed_starts(evaluator_, start)) {
+      if (evaluator_.halted()) break;
+      tried.push_back(untried(designed, tried));
+      evaluator_.begin(fmt::format("search from another start ({} of 4)", ++searches), 8);
+      const Searching searching(protocol_);
+      Eigen::VectorXd q = tried.back();
+      const bool near = step_in_compliance(evaluator_, q);
+      const Minimum there = minimise(evaluator_, q, -1, near ? undamped : damped, options_);
+      if (!there.failed && there.chi_squared < lowest.chi_squared - lower_minimum) lowest = there;
+    }
+    evaluator_.allow(std::numeric_limits<double>::infinity(), 0);
+    best_ = lowest;
+    const bool better = lowest.chi_squared < before.best.chi_squared && improves(before, lower_minimum);
+    if (!better) restore(before);
+    result_.remarks.push_back(
+        better ? fmt::format(
+                     "the search from the start that was given ended at a chi squared of {:.4g}; of {} others that "
+                     "began elsewhere the best has ended here, at {:.4g}",
+                     before.result.chi_squared, searches, result_.chi_squared)
+               : fmt::format("since the readings are missed, {} more searches began elsewhere: none found a lower chi "
+                             "squared",
+                             searches));
+  }
+
+  /// A start as a cheaper model improves it, unless that leads to one that was tried.
+  Eigen::VectorXd untried(const Eigen::VectorXd& start, const std::vector<Eigen::VectorXd>& tried) const {
+    if (!options_.better_start) return start;
+    std::vector<FreeParameter> free = free_;
+    const std::vector<double> values = evaluator_.values(start);
+    for (size_t j = 0; j < free.size(); ++j) free[j].start = std::clamp(values[j], free[j].lower, free[j].upper);
+    free = options_.better_start(free);
+    Eigen::VectorXd better = start;
+    for (Eigen::Index j = 0; j < better.size(); ++j)
+      better[j] = evaluator_.scale(j).inside(free[static_cast<size_t>(j)].start);
+    const auto near = [&](const Eigen::VectorXd& q) {
+      for (Eigen::Index j = 0; j < q.size(); ++j) {
+        if (std::abs(q[j] - better[j]) > 0.05 * evaluator_.scale(j).range(q[j])) return false;
+      }
+      return true;
+    };
+    return std::ranges::any_of(tried, near) ? start : better;
   }
 
   /// What was spent since it was asked last.
@@ -202,6 +316,7 @@ class Fit {
     const double at = evaluator_.scale(j).inside(*end);
     Promise best{{}, best_.chi_squared + 0.8 * profile_rise};  // as far off as a parabola's end may be
     for (const Linearised& met : met_) {
+      if (met.profiled == j || !(sign * (met.q[j] - best_.q[j]) > 0)) continue;  // its own valley, or the other end's
       Promise promise = promised_minimum(evaluator_, met, j, at);
       if (promise.chi_squared < best.chi_squared) best = std::move(promise);
     }
@@ -215,9 +330,9 @@ class Fit {
     if (!end && estimate.verdict == Verdict::well_determined) estimate.verdict = Verdict::weakly_determined;
   }
 
-  /// Remembers the newest evaluation, and keeps it if it is the lowest.
-  void note_lowest() {
-    met_.push_back({evaluator_.point(), evaluator_.residuals(), evaluator_.jacobian()});
+  /// Remembers the newest evaluation, of the j-th parameter's interval, and keeps it if it is the lowest.
+  void note_lowest(Eigen::Index j) {
+    met_.push_back({evaluator_.point(), evaluator_.residuals(), evaluator_.jacobian(), j});
     if (!(evaluator_.chi_squared() < lowest_.chi_squared)) return;
     lowest_.q = evaluator_.point();
     lowest_.chi_squared = evaluator_.chi_squared();
@@ -245,10 +360,11 @@ class Fit {
   }
 
   /// What is reported is computed once more from the start of the protocol's path, without the fit's history. Should
-  /// the history have led to another equilibrium than that path does, the fit goes on from there.
+  /// the history have led to another equilibrium than that path does, the fit goes on from there; in the end with
+  /// predictions that have no history.
   void search(bool first) {
     evaluator_.begin("search", 8);  // of the shipped experiments they take 3 to 8, rarely more
-    for (int round = 0; round < 3; ++round) {
+    for (int round = 0; round < 4; ++round) {
       last_.reset();
       search_once(first && round == 0);
       result_.iterations += best_.iterations;
@@ -267,18 +383,36 @@ class Fit {
         break;
       }
       const double again = last_.chi_squared();
-      if (agrees(again)) break;
+      if (round == 3 ? !jumps_beside() : agrees(again)) break;
       evaluator_.reset();
-      if (round < 2) continue;
+      if (round == 2) part_from_history(again);
+      if (round < 3) continue;
       result_.status = FitStatus::not_converged;
       result_.message = fmt::format(
-          "chi squared is {:.6g} on the fit's way and {:.6g} on the protocol's own path: there is more than one "
-          "equilibrium",
-          best_.chi_squared, again);
+          "chi squared, {:.6g}, still falls where the search ended: rows have more than one equilibrium and jump from "
+          "one "
+          "to another there, so that there is no minimum on the protocol's own path",
+          again);
     }
     result_.evaluations = evaluator_.evaluations + last_.evaluations;
     result_.failed_evaluations = evaluator_.failed;
     result_.failures = evaluator_.failures;
+  }
+
+  /// The fit's way has led to other equilibria than the protocol's path time and again.
+  void part_from_history(double again) {
+    evaluator_.go_cold();
+    result_.remarks.push_back(fmt::format(
+        "chi squared was {:.4g} on the fit's way and {:.4g} on the protocol's own path: rows have more than "
+        "one equilibrium, and the search went on along that path, each time from its start",
+        best_.chi_squared, again));
+  }
+
+  /// Whether the search has stopped although chi squared still falls: where a row jumps from one equilibrium to
+  /// another.
+  bool jumps_beside() const {
+    return result_.status == FitStatus::converged &&
+           promised_decrease(last_, best_.q, -1) > std::max(1e-2, 1e-4 * last_.chi_squared());
   }
 
   void list_estimates() {
@@ -400,9 +534,9 @@ class Fit {
     const std::string name = partner < 0 ? "" : result_.parameters[static_cast<size_t>(partner)].spec.id;
     estimate.explanation = explain(estimate, spread, compared_with, name, correlation);
     if (evaluator_.spent() && profiles_wanted(j))
-      estimate.explanation += fmt::format(
-          " Its profile was not finished: profiles have taken the {:.3g} cold replays that they may.",
-          options_.profile_budget);
+      estimate.explanation +=
+          fmt::format(" Its profile was not finished: profiles have taken the {:.3g} cold replays that they may.",
+                      options_.profile_budget);
   }
 
   /// The parameter that j is correlated with most, -1 when it is alone, and how much.
@@ -441,7 +575,7 @@ class Fit {
       Eigen::VectorXd q = best_.q + sign * z95 / deviations_[j] * result_.covariance.col(j);
       for (Eigen::Index i = 0; i < q.size(); ++i) q[i] = evaluator_.scale(i).clamped(q[i]);
       if (!evaluator_.evaluate(q)) return false;
-      note_lowest();
+      note_lowest(j);
       if (!(std::abs((evaluator_.chi_squared() - best_.chi_squared) / profile_rise - 1) <= 0.2)) return false;
     }
     return true;

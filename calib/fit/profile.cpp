@@ -72,8 +72,8 @@ ProfileEnd::Place ProfileEnd::place_at(double q) {
     around_.lowest.q = start_;
     around_.lowest.chi_squared = best_.chi_squared + rise;
   }
-  if (std::isfinite(rise) && evaluator_.point() == start_)
-    around_.met.push_back({start_, evaluator_.residuals(), evaluator_.jacobian()});
+  if (std::isfinite(rise) && evaluator_.prediction().complete())  // of the last point that was tried, there or near it
+    around_.met.push_back({evaluator_.point(), evaluator_.residuals(), evaluator_.jacobian(), j_});
   return {q, rise, start_};
 }
 

@@ -17,11 +17,11 @@ struct Scale {
   bool logarithmic;
   double lower = 0, upper = 0;  ///< bounds, fitted scale
 
-  double inside(double si) const { return logarithmic ? std::log(si) : si; }
-  double outside(double q) const { return logarithmic ? std::exp(q) : q; }
-  double slope(double si) const { return logarithmic ? si : 1.0; }  ///< d outside / d inside
-  double clamped(double q) const { return std::clamp(q, lower, upper); }
-  double room(double q) const { return std::min(q - lower, upper - q); }
+  double inside(double si) const { return logarithmic ? std::log(si) : si; }  ///< the fitted scale's value
+  double outside(double q) const { return logarithmic ? std::exp(q) : q; }    ///< SI
+  double slope(double si) const { return logarithmic ? si : 1.0; }            ///< d outside / d inside
+  double clamped(double q) const { return std::clamp(q, lower, upper); }      ///< within the bounds
+  double room(double q) const { return std::min(q - lower, upper - q); }      ///< to the nearer bound
   /// What a change of the parameter at q is compared with: one for a logarithm, else the range that it may have.
   double range(double q) const {
     if (logarithmic) return 1;
@@ -34,19 +34,20 @@ struct Scale {
 /// later.
 class Evaluator {
  public:
+  /// All references have to outlive it.
   Evaluator(Protocol& protocol, const std::vector<Measurement>& measurements, const std::vector<FreeParameter>& free,
             const FitOptions& options);
 
-  const Scale& scale(Eigen::Index j) const { return scales_[static_cast<size_t>(j)]; }
-  Eigen::Index count() const { return static_cast<Eigen::Index>(free_.size()); }
-  int residual_count() const { return static_cast<int>(measurements_.size()); }
-  bool stopped() const { return options_.stop != nullptr && options_.stop->load(); }
+  const Scale& scale(Eigen::Index j) const { return scales_[static_cast<size_t>(j)]; }  ///< of a free parameter
+  Eigen::Index count() const { return static_cast<Eigen::Index>(free_.size()); }        ///< of free parameters
+  int residual_count() const { return static_cast<int>(measurements_.size()); }         ///< of measurements
+  bool stopped() const { return options_.stop != nullptr && options_.stop->load(); }    ///< by FitOptions::stop
   /// Lets the next predictions cost so many times one that takes `replay` matrix factorisations (0: that many calls).
   void allow(double replays, int replay);
   bool spent() const;                                   ///< what was allowed is used up
   bool halted() const { return stopped() || spent(); }  ///< no further prediction is to be made
   /// From here on each prediction goes the protocol's own path from its start.
-  void stay_cold() { cold_ = true; }
+  void go_cold() { cold_ = true; }
 
   std::vector<double> values(const Eigen::VectorXd& q) const;  ///< the free parameters in SI
   Params params(const Eigen::VectorXd& q) const;               ///< all parameters
@@ -64,12 +65,18 @@ class Evaluator {
     prediction_ = {};
   }
 
-  const Prediction& prediction() const { return prediction_; }
-  const Eigen::VectorXd& point() const { return point_; }  ///< of the newest evaluation
+  /// Has `prediction`, of an earlier evaluation at `q`, as the newest.
+  void take(const Eigen::VectorXd& q, Prediction prediction) {
+    point_ = q;
+    prediction_ = std::move(prediction);
+    ok_ = true;
+  }
+  const Prediction& prediction() const { return prediction_; }  ///< derivatives on the fitted scale
+  const Eigen::VectorXd& point() const { return point_; }       ///< of the newest evaluation
 
-  Eigen::VectorXd residuals() const;
-  Eigen::MatrixXd jacobian() const;
-  double chi_squared() const { return residuals().squaredNorm(); }
+  Eigen::VectorXd residuals() const;                                ///< noise-scaled, of the newest evaluation
+  Eigen::MatrixXd jacobian() const;                                 ///< their derivatives on the fitted scale
+  double chi_squared() const { return residuals().squaredNorm(); }  ///< of the newest evaluation
 
   int evaluations = 0, failed = 0;
   std::vector<std::string> failures;
@@ -100,6 +107,7 @@ double promised_decrease(const Evaluator& at, const Eigen::VectorXd& q, Eigen::I
 struct Linearised {
   Eigen::VectorXd q, residuals;  ///< fitted scale; noise-scaled
   Eigen::MatrixXd jacobian;
+  Eigen::Index profiled = -1;  ///< the parameter whose interval was looked for
 };
 
 /// Where chi squared is lowest to first order, and how low.
