@@ -100,6 +100,7 @@ class Run {
     const double start_seconds = watch.seconds();
     FitOptions how;
     how.all_profiles = bench_.experiment().all_profiles;
+    how.recover = bench_.trials_at_rest() != nullptr;  // searches of recordings take minutes each
     how.better_start = [&](const std::vector<FreeParameter>& from) { return bench_.better_starts(from); };
     FitResult& fit = record_.fit;
     fit = fit_logged(bench_, start, "fit", "fit", how);
