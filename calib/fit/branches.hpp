@@ -16,6 +16,7 @@ struct BranchMisfit {
   /// are above 1000; there has to be another one.
   Decided decided() const;
 };
+/// Of the measurements of its rows.
 BranchMisfit branch_misfit(const Alternative& alternative, const std::vector<Measurement>& measurements);
 
 /// The rows whose readings are nearer to the other equilibrium, by a chi squared of more than 25: whether they follow

@@ -122,9 +122,11 @@ Promise promised_minimum(const Evaluator& evaluator, const Linearised& from, Eig
 /// Lets a protocol search while it lives.
 struct Searching {
   Protocol& protocol;
+  /// Begins the search.
   explicit Searching(Protocol& searching) : protocol(searching) { protocol.begin_search(); }
   Searching(const Searching&) = delete;
   Searching& operator=(const Searching&) = delete;
+  /// Ends it.
   ~Searching() { protocol.end_search(); }
 };
 
@@ -138,7 +140,8 @@ struct Minimum {
   double chi_squared = not_a_number;
 };
 
-constexpr double damped = 1, undamped = 1e4;  ///< trust-region radii: half a Gauss-Newton step, the whole step
+constexpr double damped = 1;      ///< trust-region radius of half a Gauss-Newton step
+constexpr double undamped = 1e4;  ///< of the whole step
 
 /// Levenberg-Marquardt from `q` with bounds; parameter `held` keeps its value (-1: none).
 Minimum minimise(Evaluator& evaluator, const Eigen::VectorXd& q, Eigen::Index held, double radius,
