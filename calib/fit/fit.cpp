@@ -308,11 +308,12 @@ class Fit {
     if (!there.failed && there.chi_squared < lowest_.chi_squared) lowest_ = there;
   }
 
-  /// Whether an end of an interval lies in another valley farther out, as what was met promises; goes on from there.
+  /// Whether an end of a closed interval lies in another valley farther out, as what was met promises; goes on from
+  /// there.
   void go_on_from_other_valleys(Eigen::Index j, int sign) {
     ParameterEstimate& estimate = result_.parameters[static_cast<size_t>(j)];
     std::optional<double>& end = sign < 0 ? estimate.lower95 : estimate.upper95;
-    if (!end || !profiles_wanted(j) || evaluator_.halted()) return;
+    if (!estimate.lower95 || !estimate.upper95 || !profiles_wanted(j) || evaluator_.halted()) return;
     const double at = evaluator_.scale(j).inside(*end);
     Promise best{{}, best_.chi_squared + 0.8 * profile_rise};  // as far off as a parabola's end may be
     for (const Linearised& met : met_) {
@@ -383,6 +384,10 @@ class Fit {
         break;
       }
       const double again = last_.chi_squared();
+      // A search along a valley that is level (tied parameters) takes all its iterations and has nothing more to gain.
+      if (result_.status == FitStatus::not_converged &&
+          promised_decrease(last_, best_.q, -1) <= std::max(1e-3, 1e-5 * again))
+        result_.status = FitStatus::converged;
       if (round == 3 ? !jumps_beside() : agrees(again)) break;
       evaluator_.reset();
       if (round == 2) part_from_history(again);
