@@ -60,6 +60,7 @@ std::optional<Section> every_reading(const RunRecord& record) {
                         ? fmt::format("{:.3f}{}", value / unit.factor, units.common() ? "" : " " + unit.label)
                         : "not known");
     row.push_back(std::isfinite(residual) ? fmt::format("{:+.2f}", residual / r.sigma) : "not known");
+    if (!r.equilibria.empty()) row.back() += " (" + r.equilibria + ")";
     if (r.excluded) {
       for (std::string& cell : row) cell.insert(0, "~");
     }
@@ -78,6 +79,7 @@ std::optional<Section> setup(const RunRecord& record) {
                                                     }));
   std::vector<std::string> remarks = record.remarks;
   remarks.insert(remarks.end(), record.fit.failures.begin(), record.fit.failures.end());
+  for (const EquilibriaRecord& rows : record.equilibria) remarks.push_back(rows.text);
   if (!remarks.empty()) out += "<h2>Remarks</h2>\n" + html::list(remarks);
   return html_section(out);
 }

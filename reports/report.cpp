@@ -64,6 +64,8 @@ std::vector<Figure> write_report(const RunRecord& record, const std::string& fol
 std::string predictions_csv(const RunRecord& record) {
   const ReadingUnits units(record, ReadingUnits::si);
   const bool any_excluded = std::ranges::any_of(record.readings, &ReadingRecord::excluded);
+  const bool any_marked =
+      std::ranges::any_of(record.readings, [](const ReadingRecord& r) { return !r.equilibria.empty(); });
   const auto columns_of = [&](ReadingRecord reading) {
     ReadingColumns columns{record, units};
     describe(columns, reading);
@@ -71,6 +73,7 @@ std::string predictions_csv(const RunRecord& record) {
     columns("residual", residual, InUnitOfChannel());
     columns("normalised_residual", residual / reading.sigma);
     if (any_excluded) columns("excluded", static_cast<int>(reading.excluded));
+    if (any_marked) columns("equilibria", reading.equilibria);
     columns.heads.back() = columns.fields.back() = '\n';
     return columns;
   };

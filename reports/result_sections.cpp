@@ -173,6 +173,9 @@ std::optional<Section> answer(const RunRecord& record) {
                     std::sqrt(misfit_ratio(fit))));
   }
   for (size_t p = 0; p < fit.parameters.size(); ++p) out += differences(record, p);
+  for (const EquilibriaRecord& rows : record.equilibria) {
+    if (rows.has_to_be_said()) out += paragraph("Of several equilibria: " + rows.text + ".", "warning");
+  }
   return Section{out + "</div>\n"};
 }
 

@@ -144,6 +144,13 @@ void describe(auto&& a, RobustRecord& robust) {
   a("outliers", robust.outliers);
 }
 
+void describe(auto&& a, EquilibriaRecord& equilibria) {
+  a("lines", equilibria.lines);
+  a("decided", equilibria.decided);
+  a("jump", equilibria.jump);
+  a("text", equilibria.text);
+}
+
 void describe(auto&& a, ReferenceRecord& reference) {
   a("parameter", reference.parameter);
   a("value", reference.value);
@@ -217,6 +224,7 @@ void describe_readings(auto&& a, RunRecord& record) {
     };
     describe(entry, reading);
     if (entry.there("excluded", reading.excluded)) entry("excluded", reading.excluded);
+    if (entry.there("equilibria", !reading.equilibria.empty())) entry("equilibria", reading.equilibria);
     beside("load_N", record.load_newtons);
     beside("series", record.series);
   });
@@ -265,6 +273,7 @@ void describe(auto&& a, RunRecord& record) {
   a["load"]["control"].need(record.load_control < static_cast<int>(record.controls.size()),
                             "the index of a control, or -1");
   describe_readings(a["readings"], record);
+  if (a.there("equilibria", !record.equilibria.empty())) a("equilibria", record.equilibria);
   describe_curves(a["curves"], record);
   a("shape_axes", std::tie(record.shape_axes[0], record.shape_axes[1]));
   a("shapes", record.shapes);

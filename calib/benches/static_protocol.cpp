@@ -54,6 +54,22 @@ bool StaticProtocol::held_when_unloaded(int index) const {
                                                found - controls_.begin()) == options_.set_first.end();
 }
 
+/// Size of a condition's controls: the sum of their absolute values.
+double StaticProtocol::load_of(int condition) const {
+  double sum = 0;
+  for (double value : conditions_[static_cast<size_t>(condition)].controls) sum += std::abs(value);
+  return sum;
+}
+
+/// Whether each control of a condition is that of another one, or more of it.
+bool StaticProtocol::adds_to(int more, int less) const {
+  const auto &a = conditions_[static_cast<size_t>(more)].controls, &b = conditions_[static_cast<size_t>(less)].controls;
+  for (size_t k = 0; k < a.size(); ++k) {
+    if (a[k] * b[k] < 0 || std::abs(a[k]) < std::abs(b[k])) return false;
+  }
+  return true;
+}
+
 void StaticProtocol::make_paths() {
   const size_t read = conditions_.size();  // conditions that rows read; those of unloaded states come after
   for (size_t c = 0; c < read; ++c) {
@@ -70,21 +86,8 @@ void StaticProtocol::make_paths() {
       loaded[conditions_[c].parent].push_back(static_cast<int>(c));
   }
   // Loads are hung one after the other where each only adds to the last.
-  auto size_of = [&](int c) {
-    double sum = 0;
-    for (double value : conditions_[static_cast<size_t>(c)].controls) sum += std::abs(value);
-    return sum;
-  };
-  auto adds_to = [&](int more, int less) {
-    const auto &a = conditions_[static_cast<size_t>(more)].controls,
-               &b = conditions_[static_cast<size_t>(less)].controls;
-    for (size_t k = 0; k < a.size(); ++k) {
-      if (a[k] * b[k] < 0 || std::abs(a[k]) < std::abs(b[k])) return false;
-    }
-    return true;
-  };
   for (auto& [unloaded, list] : loaded) {
-    std::stable_sort(list.begin(), list.end(), [&](int a, int b) { return size_of(a) < size_of(b); });
+    std::stable_sort(list.begin(), list.end(), [&](int a, int b) { return load_of(a) < load_of(b); });
     for (size_t i = 1; i < list.size(); ++i) {
       if (adds_to(list[i], list[i - 1])) conditions_[static_cast<size_t>(list[i])].parent = list[i - 1];
     }
@@ -94,9 +97,9 @@ void StaticProtocol::make_paths() {
   }
   // Large loads take most. With retractions the soft module's large deflections and the closed one's contact do.
   double mean = 0;
-  for (const Path& path : paths_) mean += size_of(path.conditions.front()) / static_cast<double>(paths_.size());
+  for (const Path& path : paths_) mean += load_of(path.conditions.front()) / static_cast<double>(paths_.size());
   for (Path& path : paths_) {
-    const double size = size_of(path.conditions.front());
+    const double size = load_of(path.conditions.front());
     path.cost = options_.set_first.empty() ? size : std::abs(size - mean);
   }
 }
@@ -168,10 +171,15 @@ Eigen::VectorXd StaticProtocol::predicted_change(const Condition& condition, con
   return near ? change : Eigen::VectorXd();
 }
 
+Params StaticProtocol::with_controls(const Params& p, const std::vector<double>& controls) const {
+  Params target = p;
+  for (size_t k = 0; k < controls_.size(); ++k) target[controls_[k]] = controls[k];
+  return target;
+}
+
 void StaticProtocol::solve_condition(Condition& condition, const Params& p, const std::vector<int>& free,
                                      Equilibrium& equilibrium) const {
-  Params target = p;
-  for (size_t k = 0; k < controls_.size(); ++k) target[controls_[k]] = condition.controls[k];
+  const Params target = with_controls(p, condition.controls);
   SolveReport total;
   double smallest = 0;  // Jacobian at the state found
   bool done = false;
@@ -184,7 +192,9 @@ void StaticProtocol::solve_condition(Condition& condition, const Params& p, cons
     done = smallest > 0;
   }
   if (!done && total.status != SolveStatus::interrupted) {
-    if (condition.parent < 0) {
+    if (condition.other_u.size() > 0) {
+      equilibrium.start_at(condition.other_u, condition.other_p);
+    } else if (condition.parent < 0) {
       Params rest = target;
       for (int index : controls_) rest[index] = 0;
       for (int index : off_at_rest_) rest[index] = 0;
@@ -261,6 +271,7 @@ void StaticProtocol::read_row(Eigen::Index r, const Params& p, const std::vector
 }
 
 Prediction StaticProtocol::predict(const Params& p, const std::vector<int>& free) {
+  find_followed();
   // The dearest first, so that threads end together. Each path depends on its own past only, so which thread solves
   // it, and when, does not matter.
   std::stable_sort(paths_.begin(), paths_.end(), [](const Path& a, const Path& b) { return a.cost > b.cost; });

@@ -52,6 +52,8 @@ class StaticProtocol final : public Protocol {
   void forget() override;
   std::string state() const override;
   void restore(const std::string& state) override;
+  std::vector<Alternative> alternatives(const Params& p) override;
+  void follow(const Params& at, const std::vector<int>& rows) override;
   void begin_search() override { polish_ = Polish::search; }
   void end_search() override { polish_ = Polish::full; }
 
@@ -79,7 +81,9 @@ class StaticProtocol final : public Protocol {
     int unloaded = -1;             ///< the condition that its displacements are measured from; -1: rest
     bool solved = false;           ///< u is an equilibrium at p, fit to start the next solve from
     Params p;
-    Eigen::VectorXd u;                ///< [m], all unknowns
+    Params other_p;           ///< where a path in another equilibrium starts that is followed instead; empty: none is
+    Eigen::VectorXd other_u;  ///< the state there [m]
+    Eigen::VectorXd u;        ///< [m], all unknowns
     Eigen::MatrixXd sensitivities;    ///< du/dp of the parameters that were asked for last
     std::vector<int> sensitivity_of;  ///< which those are
     SolveReport report;
@@ -98,7 +102,21 @@ class StaticProtocol final : public Protocol {
     double cost = 0;              ///< factorisations of its last solve, before the first one a guess
     std::unique_ptr<Equilibrium> equilibrium;
   };
+  /// Another equilibrium of a condition, and where loads that grow make the state jump.
+  struct Other {
+    Eigen::VectorXd u;  ///< [m]; empty: none was found
+    double jump;        ///< as Alternative::jump
+  };
+  class LoadWalk;
   int condition_with(const std::vector<double>& controls);
+  double load_of(int condition) const;
+  bool adds_to(int more, int less) const;
+  std::vector<std::vector<int>> growing_loads() const;
+  Params with_controls(const Params& p, const std::vector<double>& controls) const;
+  std::vector<Condition> solved_afresh(const Params& p);
+  std::vector<Other> others(const Params& p, const std::vector<Condition>& own);
+  bool same_state(const Eigen::VectorXd& a, const Eigen::VectorXd& b) const;
+  void find_followed();
   std::vector<double> before_loads(std::vector<double> controls) const;
   void make_paths();
   bool held_when_unloaded(int index) const;
@@ -120,6 +138,8 @@ class StaticProtocol final : public Protocol {
   std::vector<int> condition_of_row_;
   std::vector<Path> paths_;
   Polish polish_ = Polish::full;
+  Params follow_at_;  ///< where the other equilibria of `follow_rows_` are to be found yet; else empty
+  std::vector<int> follow_rows_;
   int factorisations_ = 0, newton_iterations_ = 0;
 };
 

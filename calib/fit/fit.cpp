@@ -1,14 +1,17 @@
 #include "calib/fit/fit.hpp"
 
-#include <ceres/ceres.h>
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <limits>
 
+#include "calib/fit/branches.hpp"
 #include "calib/fit/goodness_of_fit.hpp"
+#include "calib/fit/profile.hpp"
+#include "calib/fit/search.hpp"
 #include "sim/core/dense.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/numbers.hpp"
@@ -17,381 +20,6 @@
 
 namespace taut {
 namespace {
-
-constexpr double z95 = 1.959963984540054;   ///< 97.5 % quantile of the normal distribution
-constexpr double profile_rise = z95 * z95;  ///< rise of chi squared at the ends of a 95 % profile interval
-
-/// A fall of chi squared that is another minimum: a tenth of a standard error.
-constexpr double lower_minimum = 0.01;
-
-/// A free parameter on the scale on which it is fitted: its logarithm for moduli and stiffnesses, itself otherwise.
-struct Scale {
-  bool logarithmic;
-  double lower = 0, upper = 0;  ///< bounds, fitted scale
-
-  double inside(double si) const { return logarithmic ? std::log(si) : si; }
-  double outside(double q) const { return logarithmic ? std::exp(q) : q; }
-  double slope(double si) const { return logarithmic ? si : 1.0; }  ///< d outside / d inside
-  double clamped(double q) const { return std::clamp(q, lower, upper); }
-  double room(double q) const { return std::min(q - lower, upper - q); }
-  /// What a change of the parameter at q is compared with: one for a logarithm, else the range that it may have.
-  double range(double q) const {
-    if (logarithmic) return 1;
-    return std::isfinite(upper - lower) ? upper - lower : std::max(std::abs(q), 1e-12);
-  }
-};
-
-/// Noise-scaled residuals (predicted - measured) / sigma and their derivatives on the fitted scale, evaluated for
-/// Ceres. The newest evaluation is kept, because Ceres asks for residuals first and for derivatives at the same point
-/// later.
-class Evaluator {
- public:
-  Evaluator(Protocol& protocol, const std::vector<Measurement>& measurements, const std::vector<FreeParameter>& free,
-            const FitOptions& options)
-      : protocol_(protocol), measurements_(measurements), free_(free), options_(options) {
-    for (const FreeParameter& parameter : free) {
-      indices_.push_back(parameter.index);
-      Scale& scale = scales_.emplace_back(Scale{protocol.parameters()[parameter.index].logarithmic});
-      scale.lower = scale.inside(parameter.lower);
-      scale.upper = scale.inside(parameter.upper);
-    }
-  }
-
-  const Scale& scale(Eigen::Index j) const { return scales_[static_cast<size_t>(j)]; }
-  Eigen::Index count() const { return static_cast<Eigen::Index>(free_.size()); }
-  int residual_count() const { return static_cast<int>(measurements_.size()); }
-  bool stopped() const { return options_.stop != nullptr && options_.stop->load(); }
-
-  /// The free parameters in SI.
-  std::vector<double> values(const Eigen::VectorXd& q) const {
-    std::vector<double> si;
-    for (Eigen::Index j = 0; j < count(); ++j) si.push_back(scale(j).outside(q[j]));
-    return si;
-  }
-
-  Params params(const Eigen::VectorXd& q) const {
-    Params p = options_.held.size() > 0 ? options_.held : protocol_.nominal();
-    const std::vector<double> si = values(q);
-    for (size_t j = 0; j < si.size(); ++j) p[indices_[j]] = std::clamp(si[j], free_[j].lower, free_[j].upper);
-    return p;
-  }
-
-  /// False when a simulation failed.
-  bool evaluate(const Eigen::VectorXd& q) {
-    if (point_.size() > 0 && point_ == q) return ok_;
-    point_ = q;
-    ++evaluations;
-    prediction_ = protocol_.predict(params(q), indices_);
-    ok_ = prediction_.complete();
-    if (!ok_) {
-      ++failed;
-      last_failure = q;
-      for (const std::string& failure : prediction_.failures) {
-        if (failures.size() < 5) failures.push_back(failure);
-      }
-      return false;
-    }
-    const std::vector<double> si = values(q);
-    for (Eigen::Index j = 0; j < count(); ++j)
-      prediction_.derivatives.col(j) *= scale(j).slope(si[static_cast<size_t>(j)]);
-    if (options_.progress)
-      options_.progress({phase_, evaluations, std::max(0, phase_end_ - evaluations), chi_squared(), si});
-    return true;
-  }
-
-  /// What the next evaluations are for, and how many that usually takes.
-  void begin(std::string phase, int usual_evaluations) {
-    phase_ = std::move(phase);
-    phase_end_ = evaluations + usual_evaluations;
-  }
-
-  /// Makes the next evaluation ask the protocol even at the same point.
-  void reset() {
-    point_.resize(0);
-    prediction_ = {};
-  }
-
-  const Prediction& prediction() const { return prediction_; }
-  const Eigen::VectorXd& point() const { return point_; }  ///< of the newest evaluation
-
-  Eigen::VectorXd residuals() const { return noise_scaled(prediction_, measurements_).residuals; }
-  Eigen::MatrixXd jacobian() const { return noise_scaled(prediction_, measurements_).jacobian; }
-  double chi_squared() const { return residuals().squaredNorm(); }
-
-  int evaluations = 0, failed = 0;
-  std::vector<std::string> failures;
-  Eigen::VectorXd last_failure;  ///< where the last simulation failed, fitted scale; empty: none did
-
- private:
-  Protocol& protocol_;
-  const std::vector<Measurement>& measurements_;
-  const std::vector<FreeParameter>& free_;
-  const FitOptions& options_;
-  std::vector<int> indices_;
-  std::vector<Scale> scales_;
-  Eigen::VectorXd point_;
-  Prediction prediction_;
-  bool ok_ = false;
-  std::string phase_;
-  int phase_end_ = 0;  ///< where it usually ends
-};
-
-/// All residuals as one block, because one simulation yields them all.
-class ResidualBlock final : public ceres::CostFunction {
- public:
-  explicit ResidualBlock(Evaluator& evaluator) : evaluator_(evaluator) {
-    set_num_residuals(evaluator.residual_count());
-    mutable_parameter_block_sizes()->assign(static_cast<size_t>(evaluator.count()), 1);
-  }
-  bool Evaluate(double const* const* blocks, double* residuals, double** jacobians) const override {
-    Eigen::VectorXd q(evaluator_.count());
-    for (Eigen::Index j = 0; j < q.size(); ++j) q[j] = blocks[j][0];
-    if (!evaluator_.evaluate(q)) return false;
-    Eigen::Map<Eigen::VectorXd>(residuals, num_residuals()) = evaluator_.residuals();
-    if (jacobians == nullptr) return true;
-    const Eigen::MatrixXd J = evaluator_.jacobian();
-    for (Eigen::Index j = 0; j < q.size(); ++j) {
-      if (jacobians[j] != nullptr) Eigen::Map<Eigen::VectorXd>(jacobians[j], num_residuals()) = J.col(j);
-    }
-    return true;
-  }
-
- private:
-  Evaluator& evaluator_;
-};
-
-/// Decrease of chi squared that a Gauss-Newton step from the newest evaluation at `q` promises; it is the square of the
-/// step in standard errors. Parameters at bounds that hold them do not count, nor does `held`.
-double promised_decrease(const Evaluator& at, const Eigen::VectorXd& q, Eigen::Index held) {
-  const Eigen::VectorXd r = at.residuals();
-  const Eigen::MatrixXd J = at.jacobian();
-  Eigen::MatrixXd open = J;
-  for (Eigen::Index j = 0; j < q.size(); ++j) {
-    const Scale& scale = at.scale(j);
-    const double downhill = -J.col(j).dot(r), room = downhill > 0 ? scale.upper - q[j] : q[j] - scale.lower;
-    if (room < 1e-6 * scale.range(q[j]) || j == held) open.col(j).setZero();
-  }
-  return (open * minimum_norm_solution(open, r)).squaredNorm();
-}
-
-/// Ends a search that is interrupted, or that has nothing more to gain: that saves the evaluation which would show it.
-class StopCallback final : public ceres::IterationCallback {
- public:
-  StopCallback(const Evaluator& evaluator, Eigen::Index held, double tolerance)
-      : evaluator_(evaluator), held_(held), tolerance_(tolerance) {}
-  ceres::CallbackReturnType operator()(const ceres::IterationSummary& summary) override {
-    if (evaluator_.stopped()) return ceres::SOLVER_TERMINATE_SUCCESSFULLY;  // the best values so far are kept
-    if (!summary.step_is_successful) return ceres::SOLVER_CONTINUE;
-    const double promised = promised_decrease(evaluator_, evaluator_.point(), held_);
-    return promised <= 0.1 * tolerance_ * evaluator_.chi_squared() ? ceres::SOLVER_TERMINATE_SUCCESSFULLY
-                                                                   : ceres::SOLVER_CONTINUE;
-  }
-
- private:
-  const Evaluator& evaluator_;
-  Eigen::Index held_;
-  double tolerance_;
-};
-
-/// Lets a protocol search while it lives.
-struct Search {
-  Protocol& protocol;
-  explicit Search(Protocol& searching) : protocol(searching) { protocol.begin_search(); }
-  Search(const Search&) = delete;
-  Search& operator=(const Search&) = delete;
-  ~Search() { protocol.end_search(); }
-};
-
-struct Minimum {
-  ceres::Solver::Summary summary;
-  Eigen::VectorXd q;
-  double chi_squared = not_a_number;
-};
-
-constexpr double damped = 1, undamped = 1e4;  ///< trust-region radii: half a Gauss-Newton step, the whole step
-
-/// Levenberg-Marquardt from `q` with bounds; parameter `held` keeps its value.
-Minimum minimise(Evaluator& evaluator, const Eigen::VectorXd& q, Eigen::Index held, double radius,
-                 const FitOptions& options) {
-  Minimum minimum;
-  minimum.q = q;
-  if (!evaluator.evaluate(q)) {  // Ceres would say so on stderr
-    minimum.summary.message = "the simulation failed at the start";
-    return minimum;
-  }
-  ceres::Problem::Options problem_options;
-  problem_options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-  ResidualBlock block(evaluator);
-  ceres::Problem problem(problem_options);
-  std::vector<double*> blocks;
-  for (double& value : minimum.q) blocks.push_back(&value);
-  problem.AddResidualBlock(&block, nullptr, blocks);
-  for (Eigen::Index j = 0; j < q.size(); ++j) {
-    const Scale& scale = evaluator.scale(j);
-    double* const value = &minimum.q[j];
-    if (j == held) problem.SetParameterBlockConstant(value);
-    if (j != held && std::isfinite(scale.lower)) problem.SetParameterLowerBound(value, 0, scale.lower);
-    if (j != held && std::isfinite(scale.upper)) problem.SetParameterUpperBound(value, 0, scale.upper);
-  }
-  StopCallback stop(evaluator, held, options.tolerance);
-  ceres::Solver::Options solver;
-  solver.linear_solver_type = ceres::DENSE_QR;
-  solver.max_num_iterations = options.max_iterations;
-  solver.function_tolerance = options.tolerance;
-  solver.parameter_tolerance = 1e-10;
-  solver.gradient_tolerance = 1e-12;
-  solver.initial_trust_region_radius = radius;
-  solver.max_num_consecutive_invalid_steps = 20;  // failed simulations shorten the step, they do not end the fit
-  solver.logging_type = ceres::SILENT;
-  solver.callbacks.push_back(&stop);
-  ceres::Solve(solver, &problem, &minimum.summary);
-  minimum.chi_squared = 2 * minimum.summary.final_cost;
-  return minimum;
-}
-
-/// One Gauss-Newton step from `q` in the reciprocals of the logarithmic parameters (1/E instead of ln E): displacements
-/// of a linear solid are linear in those, so that a start a few times off comes near at once. At most a factor of
-/// three, because far from the truth the solid is not linear. Returns whether `q` moved; it stays when that does not
-/// lower chi squared.
-bool step_in_compliance(Evaluator& evaluator, Eigen::VectorXd& q) {
-  if (!evaluator.evaluate(q) || evaluator.stopped()) return false;
-  const Eigen::VectorXd r = evaluator.residuals();
-  // A least-squares step of minimum norm: parameters that the readings do not see stay where they are.
-  const Eigen::VectorXd step = -minimum_norm_solution(evaluator.jacobian(), r);
-  Eigen::VectorXd trial = q;
-  for (Eigen::Index j = 0; j < q.size(); ++j) {
-    const Scale& scale = evaluator.scale(j);
-    trial[j] += scale.logarithmic ? -std::log1p(-std::clamp(step[j], -2.0, 2.0 / 3.0)) : step[j];
-    trial[j] = scale.clamped(trial[j]);
-  }
-  if (trial == q || !evaluator.evaluate(trial) || !(evaluator.chi_squared() < r.squaredNorm())) return false;
-  q = trial;
-  return true;
-}
-
-/// One end of a profile interval: where chi squared, minimised over all other parameters, has risen by `profile_rise`,
-/// going from the optimum in direction `sign`. Fitted scale.
-class ProfileEnd {
- public:
-  /// `covariance` says how the other parameters follow, to first order. The points looked at are added to `visited`,
-  /// and the lowest of them is `lowest` if that was higher; the search ends there.
-  ProfileEnd(Evaluator& evaluator, const Minimum& best, const Eigen::MatrixXd& covariance, Eigen::Index j, int sign,
-             const FitOptions& options, std::vector<std::pair<double, double>>& visited, Minimum& lowest)
-      : evaluator_(evaluator),
-        best_(best),
-        slopes_(covariance.col(j)),
-        j_(j),
-        sign_(sign),
-        options_(options),
-        visited_(visited),
-        lowest_(lowest),
-        inner_{best.q[j], 0, best.q},
-        outer_(inner_),
-        start_(best.q) {
-    // Of the rise: half a per cent.
-    options_.tolerance = std::min(1e-3, 0.005 * profile_rise / std::max(best.chi_squared, 1e-12));
-  }
-
-  /// Empty when chi squared has not risen so much at the bound, where simulations fail before it has, and, when
-  /// `alone`, where it would only because another parameter is at its bound.
-  std::optional<double> find(double guess, bool alone) {
-    if (!enclose(std::max(guess, 1e-6))) return std::nullopt;
-    narrow();
-    if (!std::isfinite(outer_.rise) || (alone && another_is_at_its_bound())) return std::nullopt;
-    return 0.5 * (inner_.q + outer_.q);
-  }
-
- private:
-  struct Place {
-    double q, rise;
-    Eigen::VectorXd all;  ///< parameters, the others where they are best
-  };
-
-  Place place_at(double q) {
-    const double moved = q - start_[j_];
-    for (Eigen::Index i = 0; i < start_.size(); ++i)
-      start_[i] = evaluator_.scale(i).clamped(start_[i] + moved * slopes_[i] / slopes_[j_]);
-    start_[j_] = q;
-    double rise = std::numeric_limits<double>::infinity();
-    if (start_.size() == 1) {
-      if (evaluator_.evaluate(start_)) rise = evaluator_.chi_squared() - best_.chi_squared;
-    } else {
-      const Minimum there = minimise(evaluator_, start_, j_, undamped, options_);
-      if (there.summary.termination_type != ceres::FAILURE) {
-        start_ = there.q;
-        rise = there.chi_squared - best_.chi_squared;
-      }
-    }
-    if (std::isfinite(rise)) visited_.emplace_back(evaluator_.scale(j_).outside(q), rise);
-    if (best_.chi_squared + rise < lowest_.chi_squared) {
-      lowest_.q = start_;
-      lowest_.chi_squared = best_.chi_squared + rise;
-    }
-    return {q, rise, start_};
-  }
-
-  /// So near the end, the rest of the way is a fraction of the way so far, if the rise is a parabola as expected.
-  bool nearly(const Place& place) const {
-    const double parabola = z95 * std::sqrt(slopes_[j_]);
-    const bool expected = std::abs(std::abs(place.q - best_.q[j_]) / parabola - 1) < 0.3;
-    return std::abs(place.rise / profile_rise - 1) < (expected ? 0.05 : 0.01);
-  }
-
-  /// Goes outwards by ever longer steps until the end is between the two places, or both are at it.
-  bool enclose(double step) {
-    const Scale& scale = evaluator_.scale(j_);
-    for (int expansion = 0; expansion < 12; ++expansion, step *= 2) {
-      if (evaluator_.stopped() || lowest_.chi_squared < best_.chi_squared - lower_minimum) return false;
-      const double q = inner_.q + sign_ * step;
-      const bool at_bound = sign_ > 0 ? q >= scale.upper : q <= scale.lower;
-      outer_ = place_at(at_bound ? (sign_ > 0 ? scale.upper : scale.lower) : q);
-      if (outer_.rise >= profile_rise || nearly(outer_)) break;
-      if (at_bound) return false;
-      inner_ = outer_;
-    }
-    if (!nearly(outer_)) return !(outer_.rise < profile_rise);
-    inner_.q = outer_.q = best_.q[j_] + (outer_.q - best_.q[j_]) * std::sqrt(profile_rise / outer_.rise);
-    return true;
-  }
-
-  void narrow() {
-    const double target = std::sqrt(profile_rise);
-    for (int i = 0; i < 12; ++i) {
-      const double apart = std::abs(outer_.q - inner_.q), way = std::abs(outer_.q - best_.q[j_]);
-      if (!(apart > 1e-3 * std::max(way, 1e-12)) || evaluator_.stopped()) return;
-      // The rise is nearly quadratic, so its root is nearly linear; bisect when that is of no use.
-      const double a = std::sqrt(std::max(inner_.rise, 0.0)), b = std::sqrt(outer_.rise);
-      double t = std::isfinite(b) && b > a ? (target - a) / (b - a) : 0.5;
-      t = i % 3 == 2 ? 0.5 : std::clamp(t, 0.05, 0.95);
-      const Place middle = place_at(inner_.q + t * (outer_.q - inner_.q));
-      if (nearly(middle)) {
-        inner_.q = outer_.q = middle.q;
-        outer_.all = middle.all;
-        return;
-      }
-      (middle.rise >= profile_rise ? outer_ : inner_) = middle;
-    }
-  }
-
-  bool another_is_at_its_bound() const {
-    for (Eigen::Index i = 0; i < start_.size(); ++i) {
-      const Scale& scale = evaluator_.scale(i);
-      if (i != j_ && scale.room(outer_.all[i]) < 1e-6 * scale.range(outer_.all[i])) return true;
-    }
-    return false;
-  }
-
-  Evaluator& evaluator_;
-  const Minimum& best_;
-  Eigen::VectorXd slopes_;  ///< covariances with the parameter
-  Eigen::Index j_;
-  int sign_;
-  FitOptions options_;
-  std::vector<std::pair<double, double>>& visited_;
-  Minimum& lowest_;
-  Place inner_, outer_;
-  Eigen::VectorXd start_;
-};
 
 /// True when a simulation failed beside the newest evaluation of `last`, at `q`, although chi squared still falls
 /// there.
@@ -419,6 +47,7 @@ constexpr double well = 0.1, weak = 0.7;
 
 /// Of chi squared per degree of freedom: from here on intervals of the noise say nothing, and are not searched for.
 constexpr double no_profiles = 100;
+
 Verdict verdict_of(const Spread& spread) {
   if (spread.joint <= well) return Verdict::well_determined;
   if (spread.joint <= weak) return Verdict::weakly_determined;
@@ -489,26 +118,23 @@ class Fit {
 
   FitResult run() {
     set_start();
-    for (int restart = 0;; ++restart) {
-      search(restart == 0);
-      forget_errors();
-      add_cost(result_.search);
-      list_estimates();
-      if (last_.prediction().values.size() == 0 || !last_.prediction().complete()) return std::move(result_);
-      judge_fit();
-      if (result_.status != FitStatus::converged) return std::move(result_);
+    const Eigen::VectorXd start = best_.q;
+    if (!find_optimum(true)) return std::move(result_);
+    if (options_.recover && is_astray()) follow_readings();
+    if (options_.recover && is_astray()) start_elsewhere(start);
+    add_cost(result_.search);
+    result_.evaluations = evaluator_.evaluations + last_.evaluations;
+    for (int restart = 0; result_.status == FitStatus::converged; ++restart) {
       find_covariance();
       lowest_ = best_;
-      {
-        const Search profiles(protocol_);
-        for (Eigen::Index j = 0; j < evaluator_.count() && !lower_found(); ++j) judge_parameter(j);
-      }
+      find_intervals();
       add_cost(result_.profiles);
       if (!lower_found() || restart == most_restarts || evaluator_.stopped()) break;
       best_ = lowest_;
       evaluator_.reset();
+      if (!find_optimum(false)) return std::move(result_);
     }
-    judge_partners();
+    if (result_.status == FitStatus::converged) judge_partners();
     return std::move(result_);
   }
 
@@ -526,6 +152,118 @@ class Fit {
     }
   }
 
+  /// Searches from where best_ is, and judges the fit there. False when there is no prediction to judge.
+  bool find_optimum(bool first) {
+    search(first);
+    forget_errors();
+    add_cost(result_.search);
+    list_estimates();
+    if (last_.prediction().values.size() == 0 || !last_.prediction().complete()) return false;
+    judge_fit();
+    return true;
+  }
+
+  /// Whether the readings are missed by more than their noise and their own scatter explain.
+  bool is_astray() const {
+    const LackOfFit& lack = result_.lack_of_fit;
+    return !evaluator_.stopped() && result_.status != FitStatus::interrupted && misses_readings(result_) &&
+           chi_squared_probability(lack.lack_of_fit, lack.lack_of_fit_dof) < 1e-6;
+  }
+
+  /// An optimum to come back to where something else is tried.
+  struct Kept {
+    Minimum best;
+    FitResult result;
+    Eigen::MatrixXd jacobian;
+    Prediction prediction;
+  };
+  Kept kept() const { return {best_, result_, jacobian_, last_.prediction()}; }
+  void restore(Kept to) {
+    best_ = std::move(to.best);
+    result_ = std::move(to.result);
+    jacobian_ = std::move(to.jacobian);
+    protocol_.forget();
+    last_.take(best_.q, std::move(to.prediction));
+    evaluator_.reset();
+  }
+
+  /// Whether a search from best_ ends with a chi squared that is lower than that `before` by more than `least`.
+  bool improves(const Kept& before, double least) {
+    evaluator_.reset();
+    return find_optimum(false) && !evaluator_.stopped() && result_.chi_squared < before.result.chi_squared - least &&
+           (result_.status == FitStatus::converged || before.result.status != FitStatus::converged);
+  }
+
+  /// Rows whose readings are nearer to another equilibrium than to that of the protocol's path are followed there,
+  /// where the fit comes to agree with them.
+  void follow_readings() {
+    const std::vector<int> rows = rows_elsewhere(protocol_.alternatives(result_.p), measurements_);
+    const Kept before = kept();
+    protocol_.forget();
+    evaluator_.reset();
+    if (rows.empty() || evaluator_.stopped()) return;
+    protocol_.follow(result_.p, rows);
+    if (!improves(before, 25)) {
+      protocol_.follow({}, {});
+      return restore(before);
+    }
+    result_.followed = rows;
+    result_.remarks.push_back(
+        fmt::format("{} row(s) with two equilibria are taken in the one that their readings agree with, not in that of "
+                    "loads that grow from rest: chi squared falls from {:.4g} to {:.4g}",
+                    rows.size(), before.result.chi_squared, result_.chi_squared));
+  }
+
+  /// Searches from other starts, and goes on from the best of them where that is better than what was found.
+  void start_elsewhere(const Eigen::VectorXd& start) {
+    const Kept before = kept();
+    evaluator_.allow(options_.restart_budget, replay_factorisations_);
+    Minimum lowest = best_;
+    std::vector<Eigen::VectorXd> tried{start};
+    int searches = 0;
+    for (const Eigen::VectorXd& designed : designed_starts(evaluator_, start)) {
+      if (evaluator_.halted()) break;
+      tried.push_back(untried(designed, tried));
+      evaluator_.begin(fmt::format("search from another start ({} of 4)", ++searches), 8);
+      const Searching searching(protocol_);
+      Eigen::VectorXd q = tried.back();
+      const bool near = step_in_compliance(evaluator_, q);
+      const Minimum there = minimise(evaluator_, q, -1, near ? undamped : damped, options_);
+      if (!there.failed && there.chi_squared < lowest.chi_squared - lower_minimum) lowest = there;
+    }
+    evaluator_.allow(std::numeric_limits<double>::infinity(), 0);
+    best_ = lowest;
+    const bool better = lowest.chi_squared < before.best.chi_squared && improves(before, lower_minimum);
+    if (!better) restore(before);
+    result_.remarks.push_back(
+        better ? fmt::format(
+                     "the search from the start that was given ended at a chi squared of {:.4g}; of {} others that "
+                     "began elsewhere the best has ended here, at {:.4g}",
+                     before.result.chi_squared, searches, result_.chi_squared)
+               : fmt::format("since the readings are missed, {} more searches began elsewhere: none found a lower chi "
+                             "squared",
+                             searches));
+  }
+
+  /// A start as a cheaper model improves it, unless that leads to one that was tried.
+  Eigen::VectorXd untried(const Eigen::VectorXd& start, const std::vector<Eigen::VectorXd>& tried) const {
+    if (!options_.better_start) return start;
+    std::vector<FreeParameter> free = free_;
+    const std::vector<double> values = evaluator_.values(start);
+    for (size_t j = 0; j < free.size(); ++j) free[j].start = std::clamp(values[j], free[j].lower, free[j].upper);
+    free = options_.better_start(free);
+    Eigen::VectorXd better = start;
+    for (Eigen::Index j = 0; j < better.size(); ++j)
+      better[j] = evaluator_.scale(j).inside(free[static_cast<size_t>(j)].start);
+    const auto near = [&](const Eigen::VectorXd& q) {
+      for (Eigen::Index j = 0; j < q.size(); ++j) {
+        if (std::abs(q[j] - better[j]) > 0.05 * evaluator_.scale(j).range(q[j])) return false;
+      }
+      return true;
+    };
+    return std::ranges::any_of(tried, near) ? start : better;
+  }
+
   /// What was spent since it was asked last.
   void add_cost(FitCost& to) {
     to.seconds += watch_.seconds();
@@ -537,8 +275,65 @@ class Fit {
   /// Looking for the ends of intervals has met a lower chi squared than the search did.
   bool lower_found() const { return lowest_.chi_squared < best_.chi_squared - lower_minimum; }
 
-  /// Keeps the newest evaluation if it is the lowest.
-  void note_lowest() {
+  /// Verdicts and intervals, until a lower chi squared is met.
+  void find_intervals() {
+    const Searching profiles(protocol_);
+    evaluator_.allow(options_.profile_budget, replay_factorisations_);
+    for (Eigen::Index j = 0; j < evaluator_.count() && !lower_found(); ++j) {
+      judge_parameter(j);
+      look_into_other_valleys();
+    }
+    // What a profile met tells of the ends of the others, too.
+    for (Eigen::Index j = 0; j < evaluator_.count() && !lower_found(); ++j) {
+      go_on_from_other_valleys(j, -1);
+      go_on_from_other_valleys(j, +1);
+    }
+    evaluator_.allow(std::numeric_limits<double>::infinity(), 0);
+  }
+
+  /// Where a point that was met promises another minimum, lower than the optimum and not the same, looks there.
+  void look_into_other_valleys() {
+    Promise best{{}, best_.chi_squared - lower_minimum};
+    size_t from = met_.size();
+    for (size_t k = 0; k < met_.size(); ++k) {
+      const Promise promise = promised_minimum(evaluator_, met_[k], -1, 0);
+      if (!(promise.chi_squared < best.chi_squared) || !((jacobian_ * (promise.q - best_.q)).norm() > 0.1)) continue;
+      best = promise;
+      from = k;
+    }
+    if (from == met_.size() || evaluator_.halted() || lower_found()) return;
+    met_.erase(met_.begin() + static_cast<std::ptrdiff_t>(from));  // one look is enough
+    evaluator_.begin("another valley", 4);
+    const Minimum there = minimise(evaluator_, best.q, -1, undamped, options_);
+    if (!there.failed && there.chi_squared < lowest_.chi_squared) lowest_ = there;
+  }
+
+  /// Whether an end of a closed interval lies in another valley farther out, as what was met promises; goes on from
+  /// there.
+  void go_on_from_other_valleys(Eigen::Index j, int sign) {
+    ParameterEstimate& estimate = result_.parameters[static_cast<size_t>(j)];
+    std::optional<double>& end = sign < 0 ? estimate.lower95 : estimate.upper95;
+    if (!estimate.lower95 || !estimate.upper95 || !profiles_wanted(j) || evaluator_.halted()) return;
+    const double at = evaluator_.scale(j).inside(*end);
+    Promise best{{}, best_.chi_squared + 0.8 * profile_rise};  // as far off as a parabola's end may be
+    for (const Linearised& met : met_) {
+      if (met.profiled == j || !(sign * (met.q[j] - best_.q[j]) > 0)) continue;  // its own valley, or the other end's
+      Promise promise = promised_minimum(evaluator_, met, j, at);
+      if (promise.chi_squared < best.chi_squared) best = std::move(promise);
+    }
+    if (best.q.size() == 0) return;
+    if (estimate.profile.empty()) estimate.profile.emplace_back(estimate.value, 0.0);
+    evaluator_.begin("profile of " + estimate.spec.id, 8);
+    const std::optional<double> farther =
+        ProfileEnd(evaluator_, around_, j, sign, options_, estimate.profile).go_on(at, best.q);
+    std::ranges::sort(estimate.profile);
+    end = farther ? std::optional(evaluator_.scale(j).outside(*farther)) : std::nullopt;
+    if (!end && estimate.verdict == Verdict::well_determined) estimate.verdict = Verdict::weakly_determined;
+  }
+
+  /// Remembers the newest evaluation, of the j-th parameter's interval, and keeps it if it is the lowest.
+  void note_lowest(Eigen::Index j) {
+    met_.push_back({evaluator_.point(), evaluator_.residuals(), evaluator_.jacobian(), j});
     if (!(evaluator_.chi_squared() < lowest_.chi_squared)) return;
     lowest_.q = evaluator_.point();
     lowest_.chi_squared = evaluator_.chi_squared();
@@ -546,14 +341,13 @@ class Fit {
 
   FitStatus search_status() const {
     if (evaluator_.stopped()) return FitStatus::interrupted;
-    if (best_.summary.IsSolutionUsable() && best_.summary.termination_type != ceres::NO_CONVERGENCE)
-      return FitStatus::converged;
+    if (best_.converged) return FitStatus::converged;
     return evaluator_.failed > 0 && evaluator_.failed == evaluator_.evaluations ? FitStatus::start_failed
                                                                                 : FitStatus::not_converged;
   }
 
   void search_once(bool first) {
-    const Search searching(protocol_);
+    const Searching searching(protocol_);
     const bool near = !first || step_in_compliance(evaluator_, best_.q);
     best_ = minimise(evaluator_, best_.q, -1, near ? undamped : damped, options_);
   }
@@ -567,38 +361,63 @@ class Fit {
   }
 
   /// What is reported is computed once more from the start of the protocol's path, without the fit's history. Should
-  /// the history have led to another equilibrium than that path does, the fit goes on from there.
+  /// the history have led to another equilibrium than that path does, the fit goes on from there; in the end with
+  /// predictions that have no history.
   void search(bool first) {
     evaluator_.begin("search", 8);  // of the shipped experiments they take 3 to 8, rarely more
-    for (int round = 0; round < 3; ++round) {
+    for (int round = 0; round < 4; ++round) {
       last_.reset();
       search_once(first && round == 0);
-      result_.iterations += std::max(0, static_cast<int>(best_.summary.iterations.size()) - 1);
-      result_.message = best_.summary.termination_type == ceres::USER_SUCCESS ? "a further step promises nothing more"
-                                                                              : best_.summary.message;
+      result_.iterations += best_.iterations;
+      result_.message = best_.message;
       result_.status = search_status();
       if (result_.status == FitStatus::start_failed || result_.status == FitStatus::interrupted) break;
       protocol_.forget();
       last_.reset();
-      if (!last_.evaluate(best_.q)) {
+      const int before = protocol_.factorisations();
+      const bool complete = last_.evaluate(best_.q);
+      replay_factorisations_ = protocol_.factorisations() - before;
+      if (!complete) {
         result_.status = last_.stopped() ? FitStatus::interrupted : FitStatus::not_converged;
         result_.message =
             "the optimum could not be computed again from the start of the path: " + last_.failures.front();
         break;
       }
       const double again = last_.chi_squared();
-      if (agrees(again)) break;
+      // A search along a valley that is level (tied parameters) takes all its iterations and has nothing more to gain.
+      if (result_.status == FitStatus::not_converged &&
+          promised_decrease(last_, best_.q, -1) <= std::max(1e-3, 1e-5 * again))
+        result_.status = FitStatus::converged;
+      if (round == 3 ? !jumps_beside() : agrees(again)) break;
       evaluator_.reset();
-      if (round < 2) continue;
+      if (round == 2) part_from_history(again);
+      if (round < 3) continue;
       result_.status = FitStatus::not_converged;
       result_.message = fmt::format(
-          "chi squared is {:.6g} on the fit's way and {:.6g} on the protocol's own path: there is more than one "
-          "equilibrium",
-          best_.chi_squared, again);
+          "chi squared, {:.6g}, still falls where the search ended: rows have more than one equilibrium and jump from "
+          "one "
+          "to another there, so that there is no minimum on the protocol's own path",
+          again);
     }
     result_.evaluations = evaluator_.evaluations + last_.evaluations;
     result_.failed_evaluations = evaluator_.failed;
     result_.failures = evaluator_.failures;
+  }
+
+  /// The fit's way has led to other equilibria than the protocol's path time and again.
+  void part_from_history(double again) {
+    evaluator_.go_cold();
+    result_.remarks.push_back(fmt::format(
+        "chi squared was {:.4g} on the fit's way and {:.4g} on the protocol's own path: rows have more than "
+        "one equilibrium, and the search went on along that path, each time from its start",
+        best_.chi_squared, again));
+  }
+
+  /// Whether the search has stopped although chi squared still falls: where a row jumps from one equilibrium to
+  /// another.
+  bool jumps_beside() const {
+    return result_.status == FitStatus::converged &&
+           promised_decrease(last_, best_.q, -1) > std::max(1e-2, 1e-4 * last_.chi_squared());
   }
 
   void list_estimates() {
@@ -719,6 +538,10 @@ class Fit {
     const auto [partner, correlation] = partner_of(j);
     const std::string name = partner < 0 ? "" : result_.parameters[static_cast<size_t>(partner)].spec.id;
     estimate.explanation = explain(estimate, spread, compared_with, name, correlation);
+    if (evaluator_.spent() && profiles_wanted(j))
+      estimate.explanation +=
+          fmt::format(" Its profile was not finished: profiles have taken the {:.3g} cold replays that they may.",
+                      options_.profile_budget);
   }
 
   /// The parameter that j is correlated with most, -1 when it is alone, and how much.
@@ -744,15 +567,20 @@ class Fit {
     }
   }
 
+  bool profiles_wanted(Eigen::Index j) const {
+    return options_.profiles && result_.chi_squared < no_profiles * std::max(result_.dof, 1) && !held_by_bound(j) &&
+           !pushed_out();
+  }
+
   /// Whether chi squared rises at both ends of the parabola's interval as that promises, to a fifth, with the others
   /// following to first order.
   bool parabola_holds(Eigen::Index j) {
     for (const int sign : {-1, 1}) {
-      if (evaluator_.stopped()) return true;
+      if (evaluator_.halted()) return true;
       Eigen::VectorXd q = best_.q + sign * z95 / deviations_[j] * result_.covariance.col(j);
       for (Eigen::Index i = 0; i < q.size(); ++i) q[i] = evaluator_.scale(i).clamped(q[i]);
       if (!evaluator_.evaluate(q)) return false;
-      note_lowest();
+      note_lowest(j);
       if (!(std::abs((evaluator_.chi_squared() - best_.chi_squared) / profile_rise - 1) <= 0.2)) return false;
     }
     return true;
@@ -764,9 +592,7 @@ class Fit {
     const double reach = z95 * deviations_[j];
     std::optional<double> low = best_.q[j] - reach, high = best_.q[j] + reach;
     const bool doubtful = estimate.verdict != Verdict::well_determined || *low < scale.lower || *high > scale.upper;
-    const bool profiles = options_.profiles && !evaluator_.stopped() &&
-                          result_.chi_squared < no_profiles * std::max(result_.dof, 1) && !held_by_bound(j) &&
-                          !pushed_out();
+    const bool profiles = profiles_wanted(j) && !evaluator_.halted();
     if (doubtful) low = high = std::nullopt;
     evaluator_.begin("interval of " + estimate.spec.id, 2);
     if (profiles && (doubtful || options_.all_profiles || !parabola_holds(j))) {
@@ -774,11 +600,11 @@ class Fit {
       estimate.profile.emplace_back(estimate.value, 0.0);
       evaluator_.begin("profile of " + estimate.spec.id, doubtful ? 24 : 8);  // what the push-puppet module's take
       const auto end = [&](int sign) {
-        return ProfileEnd(evaluator_, best_, result_.covariance, j, sign, options_, estimate.profile, lowest_)
+        return ProfileEnd(evaluator_, around_, j, sign, options_, estimate.profile)
             .find(guess, estimate.verdict == Verdict::tied);
       };
       const std::optional<double> down = end(-1), up = lower_found() ? std::nullopt : end(+1);
-      if (!evaluator_.stopped()) {  // half a search is worth less than the parabola, or than nothing
+      if (!evaluator_.halted()) {  // half a search is worth less than the parabola, or than nothing
         low = down;
         high = up;
       }
@@ -803,8 +629,11 @@ class Fit {
   Evaluator evaluator_, last_;  ///< of the search; of the cold replay after it
   Stopwatch watch_;
   int factorisations_;
-  Minimum best_, lowest_;  ///< of the search; met since, where intervals were looked for
+  int replay_factorisations_ = 0;  ///< of one cold replay
+  Minimum best_, lowest_;          ///< of the search; met since, where intervals were looked for
+  std::vector<Linearised> met_;    ///< there
   FitResult result_;
+  const Surroundings around_{best_, result_.covariance, lowest_, met_};
   Eigen::MatrixXd jacobian_;             ///< at the end, fitted scale
   Eigen::VectorXd ranges_, deviations_;  ///< per parameter, fitted scale
 };

@@ -101,6 +101,8 @@ struct FitResult {
   int failed_evaluations = 0;  ///< trial points at which a simulation failed; each shortened a step
   int iterations = 0;
   std::vector<std::string> failures;  ///< sentences of the failed simulations, the first few
+  std::vector<int> followed;          ///< rows that are predicted in another equilibrium than that of their path
+  std::vector<std::string> remarks;   ///< on the way to the optimum, sentences for people
 };
 
 /// Whether a chi squared as large as the fit's has a probability below 1e-6 under the declared noise: the model does
@@ -119,10 +121,17 @@ struct FitProgress {
 /// How long a fit searches, and how its intervals are found.
 struct FitOptions {
   int max_iterations = 60;
-  double tolerance = 1e-6;    ///< relative decrease of chi squared at which the fit ends: some thousandths of a sigma
-  bool profiles = true;       ///< search interval ends by profile likelihood where the parabola does not hold
-  bool all_profiles = false;  ///< and for all other parameters too
-  Params held;                ///< values of the parameters that are not free; empty: the protocol's nominal ones
+  double tolerance = 1e-6;      ///< relative decrease of chi squared at which the fit ends: some thousandths of a sigma
+  bool profiles = true;         ///< search interval ends by profile likelihood where the parabola does not hold
+  bool all_profiles = false;    ///< and for all other parameters too
+  double profile_budget = 200;  ///< what all profiles may cost, in cold replays; intervals after that are parabolas
+  Params held;                  ///< values of the parameters that are not free; empty: the protocol's nominal ones
+  /// Where the optimum misses the readings (misses_readings(), and their own scatter does not explain it): look for
+  /// rows whose readings are in another equilibrium, and search again from other starts.
+  bool recover = true;
+  double restart_budget = 40;  ///< what those searches may cost, in cold replays
+  /// A start that is nearer to an optimum than the one given, from a cheaper model; may be empty.
+  std::function<std::vector<FreeParameter>(const std::vector<FreeParameter>&)> better_start;
   const std::atomic<bool>* stop = nullptr;
   std::function<void(const FitProgress&)> progress;
 };
@@ -139,9 +148,11 @@ Eigen::VectorXd standard_errors(const Prediction& prediction, const ParameterTab
 /// order, C = (J^T J)^-1 with the sigmas taken as absolute; intervals are symmetric on the fitted scale (so asymmetric
 /// in a modulus) and replaced by profile-likelihood ones where a parameter is not well determined, or where chi squared
 /// at one of their ends does not rise as they promise. Where that search meets a lower chi squared, the fit goes on
-/// from there. Without a minimum there are no standard errors, intervals and verdicts; and no profiles where the model
-/// misses the readings by far. Throws InputError when there are fewer measurements than free parameters, or a start
-/// outside its bounds.
+/// from there. What is reported is a prediction along the protocol's own path; where the fit's way keeps parting from
+/// that, each prediction goes it from its start. An optimum that misses the readings is tried from other starts, and
+/// with rows in the other one of two equilibria (FitOptions::recover). Without a minimum there are no standard errors,
+/// intervals and verdicts; and no profiles where the model misses the readings by far. Throws InputError when there are
+/// fewer measurements than free parameters, or a start outside its bounds.
 FitResult fit(Protocol& protocol, const std::vector<Measurement>& measurements, const std::vector<FreeParameter>& free,
               const FitOptions& options = {});
 

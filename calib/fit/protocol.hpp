@@ -1,9 +1,11 @@
 #pragma once
 #include <Eigen/Core>
+#include <cmath>
 #include <functional>
 #include <string>
 #include <vector>
 
+#include "sim/core/numbers.hpp"
 #include "sim/core/parameters.hpp"
 
 namespace taut {
@@ -15,6 +17,17 @@ struct Prediction {
   /// One sentence per failed condition: which rows, what happened, at which parameters.
   std::vector<std::string> failures;
   bool complete() const { return failures.empty(); }  ///< no simulation failed
+};
+
+/// Rows with the same controls that may be in another equilibrium than the one a prediction is of.
+struct Alternative {
+  std::vector<int> rows;  ///< of the prediction
+  Eigen::VectorXd path;   ///< their values in its equilibrium, SI
+  Eigen::VectorXd other;  ///< in the other one, SI; empty: none was found at these controls
+  double jump =
+      not_a_number;  ///< where loads that grow make the state jump, as a multiple of the rows' own; NaN: nowhere
+  /// So near a jump that small errors of model or bench decide on which side of it the rows are.
+  bool near_jump() const { return std::abs(jump - 1) <= 0.05; }
 };
 
 /// How an experiment is replayed: turns parameters into a prediction for each row of a bench, with derivatives.
@@ -37,6 +50,12 @@ class Protocol {
   /// that restores them predicts the same to the bit.
   virtual std::string state() const { return ""; }
   virtual void restore(const std::string& /*state*/) {}  ///< takes what state() gave
+  /// Looks for other equilibria of the rows at `p`: loads grow beyond the rows' own, and where the state jumps, the
+  /// loads are taken back from there. What predictions start from stays as it was.
+  virtual std::vector<Alternative> alternatives(const Params& /*p*/) { return {}; }
+  /// From here on rows are predicted in the other equilibrium that alternatives() finds at `at`, and those that come
+  /// from them after them; all others, and with an empty list all rows, as ever.
+  virtual void follow(const Params& /*at*/, const std::vector<int>& /*rows*/) {}
   /// Matrix factorisations since construction: what predictions cost, whatever the machine. 0 for closed forms.
   virtual int factorisations() const { return 0; }
 };

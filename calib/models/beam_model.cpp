@@ -478,7 +478,7 @@ std::vector<FreeParameter> start_by_beams(const Experiment& experiment, const Tr
     }
     if (measurements.size() < free.size()) return free;
     FitOptions options;
-    options.profiles = false;
+    options.profiles = options.recover = false;
     options.tolerance = 1e-3;
     options.stop = experiment.equilibrium.stop;
     const FitResult rough = fit(*bench.protocol, measurements, free, options);

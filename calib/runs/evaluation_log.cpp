@@ -6,12 +6,14 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cmath>
 #include <cstring>
 #include <filesystem>
 
 #include "calib/data/files.hpp"
 #include "calib/fit/bytes.hpp"
 #include "sim/core/error.hpp"
+#include "sim/core/numbers.hpp"
 #include "sim/core/stopwatch.hpp"
 
 namespace taut {
@@ -157,7 +159,12 @@ LoggedProtocol::LoggedProtocol(Protocol& protocol, EvaluationLog& log, std::stri
 }
 
 Prediction LoggedProtocol::predict(const Params& p, const std::vector<int>& free) {
-  const bool fresh = std::exchange(fresh_, false);
+  return answer(p, free, std::exchange(fresh_, false), [&] { return protocol_.predict(p, free); });
+}
+
+/// What the log knows as the answer to the next call, or what `ask` says.
+Prediction LoggedProtocol::answer(const Params& p, const std::vector<int>& free, bool fresh,
+                                  const std::function<Prediction()>& ask) {
   if (!live_ && calls_ < known_) {
     const EvaluationLog::Entry& entry = *log_.find(section_, calls_);
     if (entry.p == p && entry.free == free) {
@@ -171,7 +178,7 @@ Prediction LoggedProtocol::predict(const Params& p, const std::vector<int>& free
   kept_.reset();
   const int before = protocol_.factorisations();
   const Stopwatch watch;
-  const Prediction prediction = protocol_.predict(p, free);
+  const Prediction prediction = ask();
   if (stop_ != nullptr && stop_->load()) return prediction;  // it may have ended early
   log_.add(section_, calls_++, {p, free, prediction, protocol_.factorisations() - before, fresh});
   keep_state(watch.seconds());
@@ -188,6 +195,44 @@ void LoggedProtocol::keep_state(double seconds) {
   log_.keep_state(section_, calls_, state);
   state_seconds_ = watch.seconds();
   since_state_ = 0;
+}
+
+/// Logged as the "prediction" with respect to parameter -1: a line of its matrix for each row, with the number of its
+/// alternative, the row, its values and the jump.
+std::vector<Alternative> LoggedProtocol::alternatives(const Params& p) {
+  const Prediction logged = answer(p, {-1}, true, [&] {
+    Prediction prediction;
+    const std::vector<Alternative> found = protocol_.alternatives(p);
+    for (size_t k = 0; k < found.size(); ++k) {
+      const Alternative& one = found[k];
+      for (size_t i = 0; i < one.rows.size(); ++i) {
+        const auto at = static_cast<Eigen::Index>(i);
+        prediction.derivatives.conservativeResize(prediction.derivatives.rows() + 1, 5);
+        prediction.derivatives.bottomRows(1) << static_cast<double>(k), one.rows[i], one.path[at],
+            one.other.size() > 0 ? one.other[at] : not_a_number, one.jump;
+      }
+    }
+    return prediction;
+  });
+  forget();
+  std::vector<Alternative> alternatives;
+  for (const auto& line : logged.derivatives.rowwise()) {
+    if (line[0] >= static_cast<double>(alternatives.size())) alternatives.emplace_back();
+    Alternative& one = alternatives.back();
+    one.rows.push_back(static_cast<int>(line[1]));
+    one.jump = line[4];
+    one.path.conservativeResize(one.path.size() + 1);
+    one.path.tail(1) << line[2];
+    if (!std::isfinite(line[3])) continue;
+    one.other.conservativeResize(one.other.size() + 1);
+    one.other.tail(1) << line[3];
+  }
+  return alternatives;
+}
+
+void LoggedProtocol::follow(const Params& at, const std::vector<int>& rows) {
+  protocol_.follow(at, rows);
+  forget();
 }
 
 void LoggedProtocol::forget() {

@@ -1,5 +1,6 @@
 #pragma once
 #include <atomic>
+#include <functional>
 #include <map>
 #include <optional>
 #include <string>
@@ -68,11 +69,15 @@ class LoggedProtocol final : public Protocol {
   int row_count() const override { return protocol_.row_count(); }
   Prediction predict(const Params& p, const std::vector<int>& free) override;
   void forget() override;
+  /// The next prediction starts afresh.
+  std::vector<Alternative> alternatives(const Params& p) override;
+  void follow(const Params& at, const std::vector<int>& rows) override;
   void begin_search() override { protocol_.begin_search(); }
   void end_search() override { protocol_.end_search(); }
   int factorisations() const override { return answered_ + protocol_.factorisations(); }
 
  private:
+  Prediction answer(const Params& p, const std::vector<int>& free, bool fresh, const std::function<Prediction()>& ask);
   void keep_state(double seconds);
 
   Protocol& protocol_;

@@ -55,6 +55,7 @@ class Run {
     if (record_.fit.status == FitStatus::start_failed) return std::move(record_);
     for (const std::string& failure : record_.fit.failures)
       record_.remarks.push_back("survived in the fit: " + failure);
+    for (const std::string& remark : record_.fit.remarks) record_.remarks.push_back(remark);
     record_.interrupted = stopped();
     events_.keep(record_);
     if (!stopped()) after_the_fit();
@@ -100,6 +101,8 @@ class Run {
     const double start_seconds = watch.seconds();
     FitOptions how;
     how.all_profiles = bench_.experiment().all_profiles;
+    how.recover = bench_.trials_at_rest() != nullptr;  // searches of recordings take minutes each
+    how.better_start = [&](const std::vector<FreeParameter>& from) { return bench_.better_starts(from); };
     FitResult& fit = record_.fit;
     fit = fit_logged(bench_, start, "fit", "fit", how);
     if (fit.status == FitStatus::start_failed && start.front().start != free_.front().start)
@@ -138,11 +141,17 @@ class Run {
 
   void after_the_fit() {
     stage("the replay", [&] { replay(); });
+    if (!record_.fit.followed.empty())
+      record_.remarks.emplace_back(
+          "curves are those of loads that grow from rest; what would explain the misfit, and the shares of what was "
+          "assumed, are not known where rows are in another equilibrium");
     if (record_.fit.predicted.size() > 0) {  // empty: the optimum could not be replayed
+      if (bench_.one_model() && bench_.trials_at_rest() != nullptr)
+        stage("other equilibria", [&] { find_other_equilibria(); });
       record_.swings = bench_.swings(record_.fit.predicted);
       if (bench_.one_model()) stage("drawing curves", [&] { add_curves(bench_, record_.fit, free_, "curves"); });
       stage("drawing shapes", [&] { draw(); });
-      if (bench_.trials_at_rest() != nullptr)
+      if (bench_.trials_at_rest() != nullptr && record_.fit.followed.empty())
         stage("what would explain the misfit",
               [&] { record_.explanations = explanations_of(bench_, record_.fit, asking("explanations")); });
       if (bench_.experiment().robust && record_.fit.status == FitStatus::converged)
@@ -167,6 +176,18 @@ class Run {
     record_.replay_factorisations = protocol.factorisations() - before;
     const std::string comparison = bench_.compare_models(record_.fit.p, again.values, record_.replay_seconds);
     if (!comparison.empty()) record_.remarks.push_back(comparison);
+  }
+
+  void find_other_equilibria() {
+    LoggedProtocol protocol(bench_.protocol(), log_, "other equilibria", options_.stop);
+    const std::vector<Alternative> found = protocol.alternatives(record_.fit.p);
+    if (stopped()) return;
+    record_.equilibria = equilibria_of(bench_, found, bench_.measurements(), record_.fit.followed);
+    for (ReadingRecord& reading : record_.readings) {
+      for (const EquilibriaRecord& rows : record_.equilibria) {
+        if (std::ranges::count(rows.lines, reading.line) > 0) reading.equilibria = mark_of(rows);
+      }
+    }
   }
 
   void add_curves(const Bench& bench, const FitResult& fit, const std::vector<FreeParameter>& free,
@@ -206,7 +227,7 @@ class Run {
   bool shares_wanted() const {
     const Experiment& experiment = bench_.experiment();
     return bench_.trials_at_rest() != nullptr && experiment.mesh_share && experiment.model == Rung::full &&
-           record_.fit.status == FitStatus::converged;
+           record_.fit.status == FitStatus::converged && record_.fit.followed.empty();
   }
 
   void find_shares() {
@@ -278,7 +299,7 @@ class Run {
     const FreeParameter free{part->protocol().parameters().index(id), whole.value, whole.lower, whole.upper};
     FitOptions how;
     how.held = record_.fit.p;
-    how.profiles = false;
+    how.profiles = how.recover = false;
     const FitResult result = fit_logged(*part, {free}, "part " + what, "", how);
     if (stopped()) return;
     DiagnosticRecord& diagnostic = record_.diagnostics.emplace_back(id, what, not_a_number, not_a_number);
@@ -297,7 +318,7 @@ class Run {
         const std::unique_ptr<Bench> bench = bench_.with(settings);
         const std::vector<FreeParameter> free = bench->starts_after(record_.fit);
         FitOptions how;
-        how.profiles = false;
+        how.profiles = how.recover = false;
         const std::string name = "variant " + settings.name;
         const FitResult result = fit_logged(*bench, free, name, name, how);
         if (stopped()) return;

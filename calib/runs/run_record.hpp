@@ -7,6 +7,7 @@
 #include "calib/benches/bench.hpp"
 #include "calib/fit/explanations.hpp"
 #include "calib/fit/fit.hpp"
+#include "calib/runs/equilibria.hpp"
 #include "calib/runs/shapes.hpp"
 #include "calib/studies/assumption_shares.hpp"
 
@@ -38,6 +39,7 @@ struct ReadingRecord {
   std::vector<double> controls;                                      ///< SI
   double measured = 0, sigma = 0, predicted = 0, prediction_se = 0;  ///< SI
   bool excluded = false;                                             ///< not fitted; predicted where repeats of it are
+  std::string equilibria = {};  ///< mark_of() its EquilibriaRecord; "": one equilibrium, and no jump near it
 };
 
 /// A refit with another element or mesh.
@@ -109,8 +111,9 @@ struct RunRecord {
   std::vector<DiagnosticRecord> diagnostics;
   std::vector<SwingRecord> swings;
   std::vector<ReferenceRecord> references;
-  std::vector<std::string> remarks;  ///< what a reader must know: data recognised, folded elements, failures
-  double replay_seconds = 0;         ///< one cold replay of all rows
+  std::vector<EquilibriaRecord> equilibria;  ///< rows that have two, or are near where one ends
+  std::vector<std::string> remarks;          ///< what a reader must know: data recognised, folded elements, failures
+  double replay_seconds = 0;                 ///< one cold replay of all rows
   int replay_factorisations = 0;
   Provenance provenance;
 };

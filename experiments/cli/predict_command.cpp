@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <boost/program_options.hpp>
 #include <cmath>
 #include <map>
@@ -47,10 +48,11 @@ struct PredictedRow {
   std::string channel;
   std::vector<double> controls;
   double value = 0, error = 0, curve = 0, reading = 0;  ///< SI; half widths of the 95 % bands
+  std::string equilibria = {};                          ///< mark_of() those of its row; "": there is one
 };
 
 std::vector<PredictedRow> predicted_rows(const RunRecord& record, const Bench& bench, const Prediction& prediction,
-                                         const Eigen::VectorXd& se) {
+                                         const Eigen::VectorXd& se, const std::vector<EquilibriaRecord>& equilibria) {
   std::vector<PredictedRow> rows;
   for (const BenchReading& reading : bench.readings()) {
     PredictedRow& row = rows.emplace_back();
@@ -64,6 +66,9 @@ std::vector<PredictedRow> predicted_rows(const RunRecord& record, const Bench& b
     const double sigma = bench.declared_sigma(reading.channel, row.value).value_or(sigma_at(record, row.channel, load));
     row.curve = 1.96 * row.error;
     row.reading = 1.96 * std::hypot(row.error, sigma);
+    for (const EquilibriaRecord& rows_there : equilibria) {
+      if (std::ranges::count(rows_there.lines, row.line) > 0) row.equilibria = mark_of(rows_there);
+    }
   }
   return rows;
 }
@@ -74,12 +79,15 @@ std::string predicted_csv(const RunRecord& record, const std::vector<PredictedRo
   for (const AxisRecord& control : record.controls) heads += "," + control.id + "_" + column_suffix(control.unit);
   for (const char* name : {"predicted", "standard_error", "lower95", "upper95", "reading_lower95", "reading_upper95"})
     heads += "," + units.column(name);
+  const bool marked = std::ranges::any_of(rows, [](const PredictedRow& row) { return !row.equilibria.empty(); });
+  if (marked) heads += ",equilibria";
   std::string csv = units.heads(heads + "\n");
   for (const PredictedRow& row : rows) {
     std::string line = fmt::format("{},{}", row.line, row.channel);
     for (double control : row.controls) line += fmt::format(",{:.10g}", control);
     line += fmt::format(",{:.8g},{:.3g},{:.8g},{:.8g},{:.8g},{:.8g}", row.value, row.error, row.value - row.curve,
                         row.value + row.curve, row.value - row.reading, row.value + row.reading);
+    if (marked) line += "," + row.equilibria;
     csv += units.row(line + "\n", row.channel);
   }
   return csv;
@@ -97,6 +105,7 @@ Json predicted_json(const RunRecord& record, const std::vector<PredictedRow>& ro
                             {key("standard_error", record, row.channel), row.error},
                             {key("interval95", record, row.channel), band(row.curve)},
                             {key("reading_interval95", record, row.channel), band(row.reading)}});
+    if (!row.equilibria.empty()) json["rows"].back()["equilibria"] = row.equilibria;
   }
   json["warnings"] = warnings;
   return json;
@@ -136,13 +145,16 @@ int predict_main(const CommandOptions& options) {
   } else if (misses_readings(record.fit)) {
     progress.say("THE MODEL DID NOT DESCRIBE THE READINGS that it was fitted to: the bands count their noise only");
   }
-  const std::vector<PredictedRow> rows = predicted_rows(record, *bench, prediction, se);
+  const std::vector<EquilibriaRecord> equilibria = equilibria_of(*bench, protocol.alternatives(p), {}, {});
+  const std::vector<PredictedRow> rows = predicted_rows(record, *bench, prediction, se, equilibria);
+  std::vector<std::string> warnings = bench->warnings_after();
+  for (const EquilibriaRecord& rows_there : equilibria) warnings.push_back(rows_there.text);
   if (options.json)
-    print_json(predicted_json(record, rows, bench->warnings_after()));
+    print_json(predicted_json(record, rows, warnings));
   else
     fmt::print("{}", predicted_csv(record, rows));
   print_failures(prediction.failures);
-  for (const std::string& warning : bench->warnings_after()) progress.say("warning: " + warning);
+  for (const std::string& warning : warnings) progress.say("warning: " + warning);
   if (options.interrupted()) return exit_interrupted;
   return prediction.complete() ? exit_ok : exit_solve;
 }

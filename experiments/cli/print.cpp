@@ -189,6 +189,9 @@ void print_fit(const RunRecord& record) {
   if (const std::string excluded = excluded_text(record); !excluded.empty()) fmt::print("{}\n", excluded);
   for (size_t j = 0; j < fit.parameters.size(); ++j) print_parameter(record, j);
   print_goodness(fit);
+  for (const EquilibriaRecord& rows : record.equilibria) {
+    if (rows.has_to_be_said()) fmt::print("{}\n", rows.text);
+  }
   print_explanations(record);
   print_robust(record);
   for (const DiagnosticRecord& diagnostic : record.diagnostics) {
