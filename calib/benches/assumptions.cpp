@@ -234,6 +234,7 @@ void DimensionedProtocol::move_to(const Eigen::VectorXd& lengths) {
   replay_ = std::move(there);
   lengths_ = lengths;
   for (Sides& sides : sides_) sides = {};
+  if (!follow_rows_.empty()) replay_.protocol->follow(follow_at_, follow_rows_);
 }
 
 const DimensionedProtocol::Sides& DimensionedProtocol::sides_of(size_t dimension) {
@@ -298,6 +299,18 @@ void DimensionedProtocol::restore(const std::string& state) {
   in(lengths, of_replay);
   move_to(lengths);
   replay_.protocol->restore(of_replay);
+}
+
+std::vector<Alternative> DimensionedProtocol::alternatives(const Params& p) {
+  move_to(p.tail(p.size() - own_count()));
+  return replay_.protocol->alternatives(p.head(own_count()));
+}
+
+void DimensionedProtocol::follow(const Params& at, const std::vector<int>& rows) {
+  follow_at_ = at.head(own_count());
+  follow_rows_ = rows;
+  move_to(at.tail(at.size() - own_count()));
+  replay_.protocol->follow(follow_at_, rows);
 }
 
 int DimensionedProtocol::newton_iterations() const {

@@ -59,6 +59,8 @@ class DimensionedProtocol final : public Protocol {
   void end_search() override { replay_.protocol->end_search(); }
   std::string state() const override;
   void restore(const std::string& state) override;
+  std::vector<Alternative> alternatives(const Params& p) override;
+  void follow(const Params& at, const std::vector<int>& rows) override;
   int factorisations() const override { return factorisations_ + replay_.protocol->factorisations(); }
 
   int newton_iterations() const;  ///< since construction
@@ -91,6 +93,8 @@ class DimensionedProtocol final : public Protocol {
   Eigen::VectorXd lengths_;             ///< of replay_
   std::vector<Sides> sides_;            ///< of replay_, made when they are asked for
   std::vector<std::string> left_out_;
+  Params follow_at_;  ///< as follow() had them
+  std::vector<int> follow_rows_;
   int factorisations_ = 0, newton_iterations_ = 0;  ///< of replays that were given up
 };
 
