@@ -79,6 +79,26 @@ std::string look_first(const RunRecord& record) {
   return text;
 }
 
+std::string held_out_text(const RunRecord& record) {
+  if (record.held_out.empty()) return "";
+  std::string parts, odd;
+  for (const HeldOut& part : record.held_out) {
+    if (part.p_value < telling_held_out(record.held_out.size())) odd += (odd.empty() ? "" : " and ") + part.part;
+    parts += fmt::format("{}{} {}", parts.empty() ? "" : "; ", part.part,
+                         part.dof == 0 ? "cannot be predicted"
+                                       : fmt::format("chi squared {:.3g} for {} (p = {})", part.chi_squared, part.dof,
+                                                     small_probability(part.p_value)));
+    if (!part.own.empty()) parts += fmt::format(", hardly anything else sees {}", join(part.own, " and "));
+  }
+  return fmt::format(
+      "{} ({}; to first order).",
+      odd.empty() ? "Left out one by one, the readings at each are what those at the others predict"
+                  : "The readings at " + odd +
+                        " are NOT what those at the others predict: one model does not serve them all, and where "
+                        "nothing was measured its intervals are too narrow",
+      parts);
+}
+
 std::string small_probability(double p) {
   return p < 1e-99 ? "below 1e-99" : fmt::format("{:.1g}", p);
 }

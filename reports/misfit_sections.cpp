@@ -112,7 +112,9 @@ std::optional<Section> goodness_of_fit(const RunRecord& record) {
         "That is smaller than expected: the declared standard deviations look too large, and the intervals "
         "with them.");
   }
-  return Section{out + lack_of_fit_text(record) + largest_residual(record) + explanation_table(record)};
+  return Section{out + lack_of_fit_text(record) + largest_residual(record) +
+                 (record.held_out.empty() ? "" : paragraph(escaped(held_out_text(record)))) +
+                 explanation_table(record)};
 }
 
 std::optional<Section> diagnostics(const RunRecord& record) {

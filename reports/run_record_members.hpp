@@ -111,6 +111,15 @@ void describe(auto&& a, Share& share) {
   if (a.there("counted")) a("counted", share.counted);
 }
 
+void describe(auto&& a, HeldOut& held_out) {
+  a("part", held_out.part);
+  a("readings", held_out.readings);
+  a("chi_squared", held_out.chi_squared);
+  a("dof", held_out.dof);
+  a("p_value", held_out.p_value);
+  a("parameters_of_its_own", held_out.own);
+}
+
 void describe(auto&& a, Explanation& explanation) {
   a("kind", explanation.kind);
   a("name", explanation.name);
@@ -262,6 +271,7 @@ void describe(auto&& a, RunRecord& record) {
   a("message", record.fit.message);
   a("parameters", record.fit.parameters);
   if (a.there("explanations")) a("explanations", record.explanations);
+  if (a.there("held_out", !record.held_out.empty())) a("held_out", record.held_out);
   if (a.there("robust", !record.robust.method.empty())) a("robust", record.robust);
   if (a.there("shares")) a("shares", record.shares);
   describe_fit(a["fit"], record);

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <optional>
 #include <tuple>
 
@@ -152,8 +153,7 @@ class Run {
       if (bench_.one_model()) stage("drawing curves", [&] { add_curves(bench_, record_.fit, free_, "curves"); });
       stage("drawing shapes", [&] { draw(); });
       if (bench_.trials_at_rest() != nullptr && record_.fit.followed.empty())
-        stage("what would explain the misfit",
-              [&] { record_.explanations = explanations_of(bench_, record_.fit, asking("explanations")); });
+        stage("what would explain the misfit", [&] { explain(bench_, asking("explanations"), record_); });
       if (bench_.experiment().robust && record_.fit.status == FitStatus::converged)
         stage("the robust fit", [&] { fit_robustly(); });
       if (shares_wanted()) stage("the shares of what was assumed", [&] { find_shares(); });
@@ -390,7 +390,23 @@ void fill_predictions(const Bench& bench, const Eigen::VectorXd& values, const E
   }
 }
 
-std::vector<Explanation> explanations_of(const Bench& bench, const FitResult& fit, const Ask& ask) {
+/// Each value of a control that is held while loads are hung.
+static std::vector<HeldOut> parts_held_out(const Bench& bench, const ExplainedReadings& readings,
+                                           const Prediction& prediction, const FitResult& fit) {
+  std::vector<HeldOut> parts;
+  for (size_t k = 0; k < bench.controls().size(); ++k) {
+    if (static_cast<int>(k) == bench.drawn_control()) continue;
+    std::map<double, std::vector<size_t>> rows;
+    for (size_t i = 0; i < readings.readings.size(); ++i) rows[readings.readings[i].controls[k]].push_back(i);
+    if (rows.size() < 2) continue;
+    for (const auto& [value, of_value] : rows)
+      parts.push_back(held_out(prediction, bench.measurements(), fit, bench.describe_control(k, value), of_value));
+  }
+  return parts;
+}
+
+void explain(const Bench& bench, const Ask& ask, RunRecord& record) {
+  const FitResult& fit = record.fit;
   ExplainedReadings readings;
   for (const BenchReading& reading : bench.readings()) {
     if (!reading.excluded) readings.readings.push_back(reading);
@@ -421,7 +437,8 @@ std::vector<Explanation> explanations_of(const Bench& bench, const FitResult& fi
   readings.load = bench.drawn_control();
   const Prediction prediction = ask(protocol, p, columns);
   if (!prediction.complete()) throw InputError(prediction.failures.front());
-  return explain_misfit(readings, prediction, bench.measurements(), fit);
+  record.explanations = explain_misfit(readings, prediction, bench.measurements(), fit);
+  if (fit.status == FitStatus::converged) record.held_out = parts_held_out(bench, readings, prediction, fit);
 }
 
 RunRecord run_fit(Bench& bench, RunRecord record, EvaluationLog& log, const RunOptions& options,

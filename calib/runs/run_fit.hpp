@@ -37,9 +37,10 @@ RunRecord start_record(const Bench& bench);
 void fill_predictions(const Bench& bench, const Eigen::VectorXd& values, const Eigen::VectorXd& standard_errors,
                       RunRecord& record);
 
-/// What would explain the misfit of a fit of readings at rest (explain_misfit()), from one prediction at its optimum
-/// with the derivatives with respect to the controls too, had by `ask`. Throws InputError where that fails.
-std::vector<Explanation> explanations_of(const Bench& bench, const FitResult& fit, const Ask& ask);
+/// What would explain the misfit of a record's fit of readings at rest (explain_misfit()), and how the readings at each
+/// value of a held control are predicted by those at the others (held_out()): from one prediction at the optimum with
+/// the derivatives with respect to the controls too, had by `ask`. Throws InputError where that fails.
+void explain(const Bench& bench, const Ask& ask, RunRecord& record);
 
 /// The whole of `taut fit` on a bench: the fit, and once that is kept, stage by stage, a cold replay, curves, shapes,
 /// what would explain the misfit, the robust fit, shares of mesh and contact gap, parts of the readings alone,

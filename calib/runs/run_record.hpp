@@ -7,6 +7,7 @@
 #include "calib/benches/bench.hpp"
 #include "calib/fit/explanations.hpp"
 #include "calib/fit/fit.hpp"
+#include "calib/fit/held_out.hpp"
 #include "calib/runs/equilibria.hpp"
 #include "calib/runs/shapes.hpp"
 #include "calib/studies/assumption_shares.hpp"
@@ -99,6 +100,7 @@ struct RunRecord {
   std::vector<std::string> parameter_ids;  ///< of fit.p, in its order
   FitResult fit;  ///< fit.parameters, statistics; fit.predicted etc. are per protocol row and not stored
   std::vector<Explanation> explanations;  ///< of the misfit, best first; most are none (telling())
+  std::vector<HeldOut> held_out;          ///< each value of a held control; none where there is no such
   RobustRecord robust;
   std::vector<Share> shares;  ///< of what was assumed in fit.parameters; empty: not asked for
   std::vector<ReadingRecord> readings;

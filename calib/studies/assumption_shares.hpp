@@ -20,6 +20,7 @@ struct TotalInterval {
   std::optional<double> lower, upper;  ///< SI; empty: open, as the noise alone leaves it
   std::vector<std::string> without;    ///< sources whose share is not known
 };
+/// See TotalInterval.
 TotalInterval total_interval(const ParameterEstimate& estimate, const std::vector<Share>& shares, size_t j);
 
 }  // namespace taut

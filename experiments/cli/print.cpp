@@ -192,6 +192,7 @@ void print_fit(const RunRecord& record) {
   for (const EquilibriaRecord& rows : record.equilibria) {
     if (rows.has_to_be_said()) fmt::print("{}\n", rows.text);
   }
+  if (const std::string parts = held_out_text(record); !parts.empty()) fmt::print("{}\n", parts);
   print_explanations(record);
   print_robust(record);
   for (const DiagnosticRecord& diagnostic : record.diagnostics) {

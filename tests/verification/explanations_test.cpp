@@ -33,9 +33,14 @@ class SlowExplanations : public testing::Test {
     options.profiles = false;
     fit_ = fit(bench.protocol(), bench.measurements(), bench.free(), options);
     EXPECT_EQ(fit_.status, FitStatus::converged) << fit_.message;
-    const auto all = explanations_of(
-        bench, fit_,
-        [](Protocol& protocol, const Params& p, const std::vector<int>& free) { return protocol.predict(p, free); });
+    RunRecord record;
+    record.fit = fit_;
+    explain(
+        bench,
+        [](Protocol& protocol, const Params& p, const std::vector<int>& free) { return protocol.predict(p, free); },
+        record);
+    const std::vector<Explanation>& all = record.explanations;
+    held_out_ = record.held_out;
     std::printf("chi squared %.4g for %d\n", fit_.chi_squared, fit_.dof);
     for (const Explanation& e : telling(all))
       std::printf("  %8.4g for %d  p = %.1g  %s\n", e.chi_squared, e.dof, e.p_value, e.what.c_str());
@@ -45,15 +50,33 @@ class SlowExplanations : public testing::Test {
   Experiment experiment_;
   Trials trials_;
   FitResult fit_;
+  std::vector<HeldOut> held_out_;
 };
 
 TEST_F(SlowExplanations, NothingIsToldOfTheReadingsAsTheyAre) {
   const std::vector<Explanation> all = explanations();
   EXPECT_TRUE(telling(all).empty());
+  ASSERT_EQ(held_out_.size(), 4u) << "retractions";
+  for (const HeldOut& part : held_out_) EXPECT_GT(part.p_value, telling_held_out(4)) << part.part;
+  EXPECT_EQ(held_out_[0].dof, 12) << "the others have foam enough";
+  EXPECT_EQ(held_out_[3].part, "retraction = 17.68 mm");
+  EXPECT_LT(held_out_[3].dof, 12) << "cables pull nowhere else";
+  EXPECT_TRUE(std::ranges::count(held_out_[3].own, "k_cable") > 0);
   const auto mass = std::ranges::find(all, "a scale error of 'mass' (or another g)", &Explanation::name);
   ASSERT_NE(mass, all.end());
   EXPECT_FALSE(mass->like_parameters.empty()) << "every stiffness grows with the loads";
   EXPECT_EQ(mass->like_parameters.front(), "E_foam");
+}
+
+TEST_F(SlowExplanations, ARetractionWhoseReadingsAreStifferIsNotWhatTheOthersPredict) {
+  for (Reading& reading : trials_.readings) {
+    if (reading.controls[1] > 5e-3 && reading.controls[1] < 6e-3) reading.value *= 0.95;
+  }
+  explanations();
+  for (const HeldOut& part : held_out_) std::printf("%s: %.3g for %d\n", part.part.c_str(), part.chi_squared, part.dof);
+  const auto worst = std::ranges::min_element(held_out_, {}, &HeldOut::p_value);
+  EXPECT_EQ(worst->part, "retraction = 5.89 mm");
+  EXPECT_LT(worst->p_value, telling_held_out(4));
 }
 
 TEST_F(SlowExplanations, AZeroErrorIsNamedFirstWithItsValue) {
