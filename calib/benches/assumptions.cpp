@@ -307,9 +307,11 @@ std::vector<Alternative> DimensionedProtocol::alternatives(const Params& p) {
 }
 
 void DimensionedProtocol::follow(const Params& at, const std::vector<int>& rows) {
-  follow_at_ = at.head(own_count());
   follow_rows_ = rows;
-  move_to(at.tail(at.size() - own_count()));
+  if (!rows.empty()) {
+    follow_at_ = at.head(own_count());
+    move_to(at.tail(at.size() - own_count()));
+  }
   replay_.protocol->follow(follow_at_, rows);
 }
 
