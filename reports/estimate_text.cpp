@@ -88,7 +88,8 @@ std::string held_out_text(const RunRecord& record) {
                          part.dof == 0 ? "cannot be predicted"
                                        : fmt::format("chi squared {:.3g} for {} (p = {})", part.chi_squared, part.dof,
                                                      small_probability(part.p_value)));
-    if (!part.own.empty()) parts += fmt::format(", hardly anything else sees {}", join(part.own, " and "));
+    if (!part.own.empty())
+      parts += fmt::format(", without it {} would be three times less certain or worse", join(part.own, " and "));
   }
   return fmt::format(
       "{} ({}; to first order).",

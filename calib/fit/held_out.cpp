@@ -8,8 +8,9 @@
 namespace taut {
 namespace {
 
-constexpr double unseen = 1e-9;      ///< singular value of unit columns below which a direction is not seen
+constexpr double least_seen = 1e-9;  ///< singular value of unit columns below which a direction is not seen
 constexpr double only_there = 0.01;  ///< of 1 - H_gg: errors ten times as large without the part
+constexpr double much_worse = 9;     ///< ratio of variances: errors three times as large without the part
 constexpr double at_bound = 1e-6;    ///< of the range between the bounds
 
 /// Derivatives of the parameters that may move, each column of unit length.
@@ -40,7 +41,7 @@ HeldOut held_out(const Prediction& prediction, const std::vector<Measurement>& m
   const NoiseScaled scaled = noise_scaled(prediction, measurements);
   const Eigen::MatrixXd J = unit_columns(scaled.jacobian, fit);
   const auto [U, s, V] = singular_values(J);
-  const Eigen::MatrixXd basis = U.leftCols((s.array() > unseen).count());
+  const Eigen::MatrixXd basis = U.leftCols((s.array() > least_seen).count());
   const auto n = static_cast<Eigen::Index>(rows.size());
   Eigen::MatrixXd of_part(n, basis.cols()), without = J;
   Eigen::VectorXd r(n);
@@ -50,7 +51,9 @@ HeldOut held_out(const Prediction& prediction, const std::vector<Measurement>& m
     r[i] = scaled.residuals[row];
     without.row(row).setZero();
   }
-  HeldOut result{part, static_cast<int>(n)};
+  HeldOut result;
+  result.part = part;
+  result.readings = static_cast<int>(n);
   const SymmetricModes open = symmetric_modes(Eigen::MatrixXd::Identity(n, n) - of_part * of_part.transpose());
   for (Eigen::Index k = 0; k < n; ++k) {
     if (open.values[k] < only_there) continue;
@@ -60,7 +63,7 @@ HeldOut held_out(const Prediction& prediction, const std::vector<Measurement>& m
   result.p_value = chi_squared_probability(result.chi_squared, result.dof);
   const Eigen::VectorXd growth = variances(without).cwiseQuotient(variances(J));
   for (Eigen::Index j = 0; j < J.cols(); ++j) {
-    if (growth[j] > 1 / only_there && !J.col(j).isZero(0))
+    if (growth[j] > much_worse && !J.col(j).isZero(0))
       result.own.push_back(fit.parameters[static_cast<size_t>(j)].spec.id);
   }
   return result;

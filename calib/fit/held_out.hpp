@@ -13,7 +13,7 @@ struct HeldOut {
   double chi_squared = 0;        ///< of their distances from that prediction, over its own errors and the noise
   int dof = 0;                   ///< readings, less the directions that this part alone determines
   double p_value = 1;            ///< of so large a chi squared
-  std::vector<std::string> own;  ///< free parameters that the other readings determine ten times worse or not at all
+  std::vector<std::string> own;  ///< free parameters that the other readings determine three times worse or not at all
 };
 
 /// To first order at the optimum of all readings, without a simulation: with J the derivatives and r the residuals over
