@@ -79,25 +79,31 @@ std::string look_first(const RunRecord& record) {
   return text;
 }
 
+std::string held_out_verdict(const RunRecord& record) {
+  std::vector<std::string> odd;
+  for (const HeldOut& part : record.held_out) {
+    if (part.p_value < telling_held_out(record.held_out.size())) odd.push_back(part.part);
+  }
+  if (odd.empty()) return "Left out one by one, the readings at each are what those at the others predict";
+  return fmt::format(
+      "The readings at {} are NOT what those at the others predict: one model does not serve them all, and where "
+      "nothing "
+      "was measured its intervals are too narrow",
+      join(odd, " and "));
+}
+
 std::string held_out_text(const RunRecord& record) {
   if (record.held_out.empty()) return "";
-  std::string parts, odd;
+  std::vector<std::string> parts;
   for (const HeldOut& part : record.held_out) {
-    if (part.p_value < telling_held_out(record.held_out.size())) odd += (odd.empty() ? "" : " and ") + part.part;
-    parts += fmt::format("{}{} {}", parts.empty() ? "" : "; ", part.part,
-                         part.dof == 0 ? "cannot be predicted"
-                                       : fmt::format("chi squared {:.3g} for {} (p = {})", part.chi_squared, part.dof,
-                                                     small_probability(part.p_value)));
+    std::string& text = parts.emplace_back(part.part);
+    text += part.dof == 0 ? ": cannot be predicted"
+                          : fmt::format(": chi squared {:.3g} for {}, p = {}", part.chi_squared, part.dof,
+                                        small_probability(part.p_value));
     if (!part.own.empty())
-      parts += fmt::format(", without it {} would be three times less certain or worse", join(part.own, " and "));
+      text += fmt::format("; without it {} would be three times less certain or worse", join(part.own, " and "));
   }
-  return fmt::format(
-      "{} ({}; to first order).",
-      odd.empty() ? "Left out one by one, the readings at each are what those at the others predict"
-                  : "The readings at " + odd +
-                        " are NOT what those at the others predict: one model does not serve them all, and where "
-                        "nothing was measured its intervals are too narrow",
-      parts);
+  return fmt::format("{} (to first order):\n  {}", held_out_verdict(record), join(parts, "\n  "));
 }
 
 std::string small_probability(double p) {

@@ -29,7 +29,9 @@ std::string small_probability(double p);
 std::string parameters_with(const RunRecord& record, const Explanation& explanation);
 /// "as well: a drift from trial to trial; made up for by: E_foam": what it cannot be told apart from; "": nothing.
 std::string cannot_be_told_from(const Explanation& explanation);
-/// How the readings of each part are predicted by the others: "Each retraction ... as the others predict it: ...".
+/// Whether the readings of each part are what the others predict, a sentence without its full stop.
+std::string held_out_verdict(const RunRecord& record);
+/// The same with a line for each part; "": there are none.
 std::string held_out_text(const RunRecord& record);
 /// "line 40 (tip): 38.50 mm, 10.2 sigmas off 3.850 mm": readings that the robust fit sets aside; "": none.
 std::string robust_outliers(const RunRecord& record);

@@ -71,6 +71,21 @@ std::string largest_residual(const RunRecord& record) {
                   (far.measured - far.predicted) / unit->factor, unit->label, far.line, far.channel, largest));
 }
 
+/// How the readings of each part are predicted by the others.
+std::string held_out_table(const RunRecord& record) {
+  if (record.held_out.empty()) return "";
+  std::vector<Cells> rows;
+  for (const HeldOut& part : record.held_out)
+    rows.push_back({part.part, std::to_string(part.readings),
+                    part.dof == 0 ? "cannot be predicted" : fmt::format("{:.3g} for {}", part.chi_squared, part.dof),
+                    small_probability(part.p_value), part.own.empty() ? "" : join(part.own, ", ")});
+  return "<h3>Each part against the others</h3>\n" + paragraph(held_out_verdict(record) + ".") +
+         table({"Left out", "#Readings", "#Chi squared of them", "#p", "Three times less certain without them"}, rows) +
+         paragraph(
+             "Each part of the readings beside what the fit of all others predicts for it, to first order; chi squared "
+             "counts the errors of that prediction and the noise. What only the part itself determines is not judged.");
+}
+
 /// What would explain the misfit, where something would.
 std::string explanation_table(const RunRecord& record) {
   std::vector<Cells> rows;
@@ -112,8 +127,7 @@ std::optional<Section> goodness_of_fit(const RunRecord& record) {
         "That is smaller than expected: the declared standard deviations look too large, and the intervals "
         "with them.");
   }
-  return Section{out + lack_of_fit_text(record) + largest_residual(record) +
-                 (record.held_out.empty() ? "" : paragraph(escaped(held_out_text(record)))) +
+  return Section{out + lack_of_fit_text(record) + largest_residual(record) + held_out_table(record) +
                  explanation_table(record)};
 }
 

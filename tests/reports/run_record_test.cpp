@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 #include <tuple>
 
+#include "reports/estimate_text.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/run_records.hpp"
 
@@ -111,6 +112,20 @@ TEST_F(RunRecordTest, ProfilesAndDiagnosticsSurviveFailedOnesAsNull) {
   }
   EXPECT_TRUE(std::isnan(again.diagnostics[1].value));
   EXPECT_EQ(again.diagnostics[1].part, "retraction = 5.89 mm");
+}
+
+TEST_F(RunRecordTest, PartsThatTheOthersDoNotPredictAreNamedAndSurvive) {
+  RunRecord record = test::hanging_block();
+  EXPECT_EQ(held_out_text(record), "");
+  record.held_out = {{"retraction = 0 mm", 12, 9.5, 12, 0.66, {}}, {"retraction = 6 mm", 3, 8, 2, 0.02, {"k_cable"}}};
+  write_file(path("fit.json"), to_json(record));
+  RunRecord again = read_run(folder_.string());
+  EXPECT_EQ(to_json(again), to_json(record));
+  EXPECT_EQ(again.held_out[1].own, std::vector<std::string>{"k_cable"});
+  EXPECT_TRUE(held_out_verdict(again).starts_with("Left out one by one")) << "0.02 in two parts is nothing";
+  EXPECT_NE(held_out_text(again).find("6 mm: chi squared 8 for 2, p = 0.02; without it k_cable"), std::string::npos);
+  again.held_out[0].p_value = 1e-4;
+  EXPECT_TRUE(held_out_verdict(again).starts_with("The readings at retraction = 0 mm are NOT what"));
 }
 
 TEST_F(RunRecordTest, ExplanationsTheRobustFitAndExcludedReadingsSurviveAndOlderFilesHaveNone) {
