@@ -86,9 +86,8 @@ std::string held_out_verdict(const RunRecord& record) {
   }
   if (odd.empty()) return "Left out one by one, the readings at each are what those at the others predict";
   return fmt::format(
-      "The readings at {} are NOT what those at the others predict: one model does not serve them all, and where "
-      "nothing "
-      "was measured its intervals are too narrow",
+      "The readings at {} are NOT what those at the others predict: one model does not serve them all, and its "
+      "intervals are too narrow where nothing was measured",
       join(odd, " and "));
 }
 

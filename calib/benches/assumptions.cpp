@@ -36,7 +36,7 @@ void edit_key(Experiment& experiment, size_t key, Change&& change) {
 
 /// A mesh that moves with a dimension is none any more when that has doubled.
 ParameterSpec spec_of(const std::string& id, double value, std::string_view meaning) {
-  return {id, id, "m", 0, 2 * std::abs(value), std::string(meaning)};
+  return {id, id, "m", std::min(0.0, 2 * value), std::max(0.0, 2 * value), std::string(meaning)};
 }
 
 void add_lengths(const Experiment& experiment, std::vector<Dimension>& dimensions) {

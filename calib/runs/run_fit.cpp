@@ -390,9 +390,11 @@ void fill_predictions(const Bench& bench, const Eigen::VectorXd& values, const E
   }
 }
 
+namespace {
+
 /// Each value of a control that is held while loads are hung.
-static std::vector<HeldOut> parts_held_out(const Bench& bench, const ExplainedReadings& readings,
-                                           const Prediction& prediction, const FitResult& fit) {
+std::vector<HeldOut> parts_held_out(const Bench& bench, const ExplainedReadings& readings, const Prediction& prediction,
+                                    const FitResult& fit) {
   std::vector<HeldOut> parts;
   for (size_t k = 0; k < bench.controls().size(); ++k) {
     if (static_cast<int>(k) == bench.drawn_control()) continue;
@@ -404,6 +406,8 @@ static std::vector<HeldOut> parts_held_out(const Bench& bench, const ExplainedRe
   }
   return parts;
 }
+
+}  // namespace
 
 void explain(const Bench& bench, const Ask& ask, RunRecord& record) {
   const FitResult& fit = record.fit;

@@ -43,9 +43,10 @@ void fill_predictions(const Bench& bench, const Eigen::VectorXd& values, const E
 void explain(const Bench& bench, const Ask& ask, RunRecord& record);
 
 /// The whole of `taut fit` on a bench: the fit, and once that is kept, stage by stage, a cold replay, curves, shapes,
-/// what would explain the misfit, the robust fit, shares of mesh and contact gap, parts of the readings alone,
-/// variants. A stage that throws is a sentence among the record's remarks and costs itself alone. What the log knows is
-/// not computed again. When the fit fails at its start (FitStatus::start_failed), nothing follows and nothing is kept.
+/// what would explain the misfit, parts held out, the robust fit, shares of mesh and contact gap, parts of the readings
+/// alone, variants. A stage that throws is a sentence among the record's remarks and costs itself alone. What the log
+/// knows is not computed again. When the fit fails at its start (FitStatus::start_failed), nothing follows and nothing
+/// is kept.
 RunRecord run_fit(Bench& bench, RunRecord record, EvaluationLog& log, const RunOptions& options = {},
                   const RunEvents& events = {});
 

@@ -60,7 +60,7 @@ TEST_F(SlowExplanations, NothingIsToldOfTheReadingsAsTheyAre) {
   for (const HeldOut& part : held_out_) EXPECT_GT(part.p_value, telling_held_out(4)) << part.part;
   EXPECT_EQ(held_out_[0].dof, 12) << "the others have foam enough";
   EXPECT_EQ(held_out_[3].part, "retraction = 17.68 mm");
-  EXPECT_LT(held_out_[3].dof, 12) << "cables pull nowhere else";
+  EXPECT_LT(held_out_[3].dof, 12) << "what the plastic does";
   EXPECT_EQ(held_out_[3].own, std::vector<std::string>{"E_plastic"}) << "which bends where the lips are closed";
   EXPECT_TRUE(held_out_[2].own.empty());
   const auto mass = std::ranges::find(all, "a scale error of 'mass' (or another g)", &Explanation::name);
