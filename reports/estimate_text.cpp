@@ -7,7 +7,7 @@
 #include <cmath>
 #include <set>
 
-#include "calib/fit/goodness_of_fit.hpp"
+#include "calib/fit/distributions.hpp"
 #include "reports/axes.hpp"
 #include "sim/core/error.hpp"
 

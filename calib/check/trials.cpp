@@ -2,13 +2,11 @@
 
 #include <algorithm>
 #include <array>
-#include <boost/math/distributions/chi_squared.hpp>
-#include <boost/math/distributions/fisher_f.hpp>
-#include <boost/math/distributions/students_t.hpp>
 #include <cmath>
 #include <set>
 
 #include "calib/check/look.hpp"
+#include "calib/fit/distributions.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/units.hpp"
 
@@ -195,7 +193,7 @@ bool trials_differ(const TrialTable& table) {
   }
   const double between = static_cast<double>(table.trials.size()) - 1;
   const double f = squares / between / std::max(table.scatter * table.scatter, 1e-12);
-  return largest > 0.5 && boost::math::cdf(complement(boost::math::fisher_f(between, table.dof), f)) < rare;
+  return largest > 0.5 && f_probability(f, between, table.dof) < rare;
 }
 
 /// Whether the shifts go one way, no step of three or more being nothing beside the whole.
@@ -263,8 +261,7 @@ Sentences drift_with_order(const Look& look) {
   for (const auto& [x, y] : points) rest += std::pow(y - xy / xx * x, 2);
   const double t = xy / std::sqrt(xx * std::max(rest / dof, 1e-12));
   const double whole = xy / xx * (last - first);
-  if (std::abs(whole) < 1 || 2 * boost::math::cdf(complement(boost::math::students_t(dof), std::abs(t))) > rare)
-    return {};
+  if (std::abs(whole) < 1 || t_probability(t, dof) > rare) return {};
   return {fmt::format(
       "repeats drift with their order in the file, by {:+.2g} sigmas over {:.0f} lines (t = {:.2g}): does the specimen "
       "creep or does loading differ from unloading? Keep rows of one direction, or let the specimen rest before each",
@@ -347,7 +344,7 @@ Sentences noise_too_small(const Look& look) {
   Sentences found;
   if (trials_differ(trial_table(look))) return found;  // said of the trials
   for (const auto& [channel, ratio, dof, sigma] : scatters(look)) {
-    const double p = boost::math::cdf(complement(boost::math::chi_squared(dof), ratio * ratio * dof));
+    const double p = chi_squared_probability(ratio * ratio * dof, dof);
     if (ratio > 2 && p < rare)
       found.push_back(fmt::format(
           "channel '{}': repeats scatter by {:.2g} times the declared noise ({} on average; {:.0f} degrees of "

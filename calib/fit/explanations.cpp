@@ -3,13 +3,13 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <boost/math/distributions/fisher_f.hpp>
 #include <cmath>
 #include <functional>
 #include <map>
 #include <optional>
 
 #include "calib/data/slips.hpp"
+#include "calib/fit/distributions.hpp"
 #include "calib/fit/goodness_of_fit.hpp"
 #include "sim/core/dense.hpp"
 #include "sim/core/units.hpp"
@@ -421,10 +421,9 @@ class Trier {
     e.dof = dof_ - taken;
     if (!(e.fall > 0) || unknowns == 0 || e.dof <= 0) return;
     const double k = static_cast<double>(unknowns);
-    e.p_value = chi_squared_probability(e.fall, static_cast<int>(unknowns));
+    e.p_value = chi_squared_probability(e.fall, k);
     if (chi_squared_probability(e.chi_squared, e.dof) < 0.05)
-      e.p_value = boost::math::cdf(
-          boost::math::complement(boost::math::fisher_f(k, e.dof), e.fall / k / (e.chi_squared / e.dof)));
+      e.p_value = f_probability(e.fall / k / (e.chi_squared / e.dof), k, e.dof);
   }
 
   const std::vector<Measurement>& measurements_;

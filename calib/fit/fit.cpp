@@ -9,6 +9,7 @@
 #include <limits>
 
 #include "calib/fit/branches.hpp"
+#include "calib/fit/distributions.hpp"
 #include "calib/fit/goodness_of_fit.hpp"
 #include "calib/fit/profile.hpp"
 #include "calib/fit/search.hpp"

@@ -1,10 +1,10 @@
 #include "calib/fit/goodness_of_fit.hpp"
 
 #include <algorithm>
-#include <boost/math/distributions/chi_squared.hpp>
-#include <boost/math/distributions/fisher_f.hpp>
 #include <cmath>
 #include <map>
+
+#include "calib/fit/distributions.hpp"
 
 namespace taut {
 
@@ -17,11 +17,6 @@ NoiseScaled noise_scaled(const Prediction& prediction, const std::vector<Measure
     if (scaled.jacobian.cols() > 0) scaled.jacobian.row(i) = prediction.derivatives.row(m.row) / m.sigma;
   }
   return scaled;
-}
-
-double chi_squared_probability(double value, int dof) {
-  if (dof <= 0) return 1;
-  return boost::math::cdf(boost::math::complement(boost::math::chi_squared(dof), value));
 }
 
 LackOfFit lack_of_fit(const std::vector<Measurement>& measurements, double chi_squared, size_t parameters) {
@@ -48,8 +43,7 @@ LackOfFit lack_of_fit(const std::vector<Measurement>& measurements, double chi_s
   result.available = result.pure_error_dof > 0 && result.lack_of_fit_dof > 0 && pure_error > 0;
   if (result.available) {
     result.F = (result.lack_of_fit / result.lack_of_fit_dof) / (result.pure_error / result.pure_error_dof);
-    const boost::math::fisher_f distribution(result.lack_of_fit_dof, result.pure_error_dof);
-    result.p_value = boost::math::cdf(boost::math::complement(distribution, result.F));
+    result.p_value = f_probability(result.F, result.lack_of_fit_dof, result.pure_error_dof);
   }
   return result;
 }

@@ -13,9 +13,6 @@ struct NoiseScaled {
 /// Residuals over their sigmas; see NoiseScaled.
 NoiseScaled noise_scaled(const Prediction& prediction, const std::vector<Measurement>& measurements);
 
-/// Probability that chi squared with `dof` degrees of freedom exceeds `value`; 1 without degrees of freedom.
-double chi_squared_probability(double value, int dof);
-
 /// Splits chi squared into the scatter of repeats about their weighted means and the rest, and compares the two (see
 /// LackOfFit). `parameters` is the number that was fitted.
 LackOfFit lack_of_fit(const std::vector<Measurement>& measurements, double chi_squared, size_t parameters);

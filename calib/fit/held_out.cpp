@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "calib/fit/distributions.hpp"
 #include "calib/fit/goodness_of_fit.hpp"
 #include "sim/core/dense.hpp"
 

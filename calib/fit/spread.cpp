@@ -1,8 +1,9 @@
 #include "calib/fit/spread.hpp"
 
 #include <algorithm>
-#include <boost/math/distributions/students_t.hpp>
 #include <cmath>
+
+#include "calib/fit/distributions.hpp"
 
 namespace taut {
 namespace {
@@ -45,7 +46,7 @@ Spread spread_of(const std::vector<double>& values, const std::vector<double>& s
     errors += s * s / n;
   }
   const double typical = (n - 1) * weights / (weights * weights - squared_weights);  // an error's square
-  const double t = boost::math::quantile(boost::math::students_t(n - 1), 0.975);
+  const double t = t_quantile(0.975, n - 1);
   const double variance = sums.squares / ((n - 1) * sums.weights);
   Spread spread;
   spread.mean = sums.mean;

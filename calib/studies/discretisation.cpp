@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "calib/benches/assumptions.hpp"
+#include "calib/benches/bench.hpp"
 #include "calib/benches/model.hpp"
 #include "calib/fit/goodness_of_fit.hpp"
 #include "sim/core/dense.hpp"

@@ -5,6 +5,7 @@
 #include "calib/files/experiment.hpp"
 #include "calib/studies/study_store.hpp"
 #include "experiments/cli/commands.hpp"
+#include "experiments/cli/progress.hpp"
 #include "sim/robots/simulation.hpp"
 
 namespace taut {

@@ -6,6 +6,7 @@
 #include "calib/studies/accuracy.hpp"
 #include "experiments/cli/chart.hpp"
 #include "experiments/cli/print.hpp"
+#include "experiments/cli/progress.hpp"
 #include "reports/accuracy_figures.hpp"
 
 namespace taut {

@@ -3,6 +3,7 @@
 #include <boost/program_options.hpp>
 
 #include "experiments/cli/chart.hpp"
+#include "experiments/cli/progress.hpp"
 #include "sim/core/error.hpp"
 #include "sim/files/simulation.hpp"
 

@@ -6,6 +6,7 @@
 #include "calib/studies/planted.hpp"
 #include "experiments/cli/chart.hpp"
 #include "experiments/cli/print.hpp"
+#include "experiments/cli/progress.hpp"
 #include "sim/core/error.hpp"
 
 namespace taut {

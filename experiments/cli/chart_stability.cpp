@@ -6,6 +6,7 @@
 #include "calib/studies/stability.hpp"
 #include "experiments/cli/chart.hpp"
 #include "experiments/cli/print.hpp"
+#include "experiments/cli/progress.hpp"
 #include "reports/stability_figures.hpp"
 
 namespace taut {

@@ -1,11 +1,13 @@
 #pragma once
 #include <atomic>
-#include <boost/program_options/options_description.hpp>
 #include <map>
 #include <string>
 #include <vector>
 
-#include "experiments/cli/progress.hpp"
+namespace boost::program_options {
+class options_description;
+class options_description_easy_init;
+}  // namespace boost::program_options
 
 namespace taut {
 

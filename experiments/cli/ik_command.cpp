@@ -8,6 +8,7 @@
 
 #include "calib/data/files.hpp"
 #include "experiments/cli/print.hpp"
+#include "experiments/cli/progress.hpp"
 #include "experiments/cli/simulate_command.hpp"
 #include "reports/simulation_report.hpp"
 #include "sim/core/error.hpp"

@@ -13,6 +13,7 @@
 #include <optional>
 #include <system_error>
 
+#include "experiments/cli/commands.hpp"
 #include "experiments/cli/manual.hpp"
 #include "experiments/cli/provenance.hpp"
 #include "experiments/cli/topics.hpp"

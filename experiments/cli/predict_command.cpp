@@ -8,7 +8,9 @@
 
 #include "calib/data/run_folder.hpp"
 #include "calib/runs/open_bench.hpp"
+#include "experiments/cli/commands.hpp"
 #include "experiments/cli/print.hpp"
+#include "experiments/cli/progress.hpp"
 #include "experiments/cli/provenance.hpp"
 #include "reports/axes.hpp"
 #include "reports/run_record.hpp"

@@ -12,8 +12,11 @@
 #include <fstream>
 #include <thread>
 
+#include "calib/benches/bench.hpp"
 #include "calib/data/files.hpp"
 #include "calib/files/experiment.hpp"
+#include "calib/runs/run_record.hpp"
+#include "experiments/cli/commands.hpp"
 #include "sim/core/error.hpp"
 
 namespace taut {

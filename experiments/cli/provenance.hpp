@@ -1,12 +1,16 @@
 #pragma once
 #include <string>
-
-#include "calib/benches/bench.hpp"
-#include "calib/runs/run_record.hpp"
-#include "experiments/cli/commands.hpp"
+#include <vector>
 
 // What a result was made by and from: this program, and the files that are copied into a run's folder.
 namespace taut {
+
+class Bench;
+struct CommandOptions;
+struct Experiment;
+struct InputRecord;
+struct Provenance;
+struct RunRecord;
 
 std::string version();
 /// Commit that this binary was built from, "unknown" outside a repository.

@@ -12,6 +12,7 @@
 #include "calib/runs/run_fit.hpp"
 #include "experiments/cli/commands.hpp"
 #include "experiments/cli/print.hpp"
+#include "experiments/cli/progress.hpp"
 #include "reports/axes.hpp"
 #include "reports/report.hpp"
 #include "reports/vtu.hpp"

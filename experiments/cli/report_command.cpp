@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "calib/data/run_folder.hpp"
+#include "experiments/cli/commands.hpp"
 #include "experiments/cli/print.hpp"
 #include "experiments/cli/provenance.hpp"
 #include "reports/report.hpp"

@@ -9,6 +9,7 @@
 
 #include "calib/data/files.hpp"
 #include "experiments/cli/print.hpp"
+#include "experiments/cli/progress.hpp"
 #include "experiments/cli/provenance.hpp"
 #include "experiments/cli/sensitivity_output.hpp"
 #include "reports/run_record.hpp"

@@ -1,0 +1,19 @@
+#pragma once
+
+// Probabilities of the distributions that verdicts rest on; Boost.Math computes them, in the one source that pays for
+// its headers.
+namespace taut {
+
+/// Probability that chi squared with `dof` degrees of freedom exceeds `value`; 1 without degrees of freedom.
+double chi_squared_probability(double value, double dof);
+
+/// Probability that Fisher's F with `dof` degrees of freedom over `other_dof`, both positive, exceeds `value`.
+double f_probability(double value, double dof, double other_dof);
+
+/// Probability that Student's t with `dof` > 0 degrees of freedom exceeds |value| to either side.
+double t_probability(double value, double dof);
+
+/// What Student's t with `dof` > 0 degrees of freedom stays below with a probability of 0 < p < 1.
+double t_quantile(double p, double dof);
+
+}  // namespace taut
