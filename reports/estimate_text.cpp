@@ -171,16 +171,18 @@ std::string limit_text(const RunRecord& record, size_t j) {
   const double noise = 1.96 * e.standard_error;
   std::string text;
   if (counted != nullptr && most(*counted) > noise) {
-    const char* remedy = counted->source == "mesh"                ? "refine the mesh"
-                         : counted->source == "contact gap"       ? "make contact_gap smaller"
-                         : counted->source == "plane section"     ? "fit with model = \"solid\""
+    const char* remedy = counted->source == "mesh"            ? "refine the mesh"
+                         : counted->source == "contact gap"   ? "make contact_gap smaller"
+                         : counted->source == "plane section" ? "fit with model = \"solid\""
+                         : counted->source == "model" || counted->source == "rigid segments"
+                             ? "fit with model = \"full\""
                          : counted->source.starts_with("scatter") ? "look for what differs from one to the next"
                                                                   : "measure it better";
-    text = fmt::format("Limited by the {} ({}) rather than the noise: {}. ", counted->source, size(*counted), remedy);
+    text = fmt::format("Limited by the {} ({}) rather than the noise: {}.", counted->source, size(*counted), remedy);
   }
   if (unstated != nullptr && most(*unstated) > noise)
-    text += fmt::format("1 % of {} is worth {}, more than the noise: measure it and state its tolerance. ",
-                        unstated->source, size(*unstated));
+    text += fmt::format("{}1 % of {} is worth {}, more than the noise: measure it and state its tolerance.",
+                        text.empty() ? "" : " ", unstated->source, size(*unstated));
   return text;
 }
 

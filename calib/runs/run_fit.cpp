@@ -226,16 +226,22 @@ class Run {
 
   bool shares_wanted() const {
     const Experiment& experiment = bench_.experiment();
-    return bench_.trials_at_rest() != nullptr && experiment.mesh_share && experiment.model == Rung::full &&
-           record_.fit.status == FitStatus::converged && record_.fit.followed.empty();
+    return bench_.trials_at_rest() != nullptr && experiment.mesh_share && record_.fit.status == FitStatus::converged &&
+           record_.fit.followed.empty();
   }
 
   void find_shares() {
-    const Experiment& experiment = bench_.experiment();
+    Experiment experiment = bench_.experiment();
     const Trials& trials = *bench_.trials_at_rest();
     const Ask ask = asking("share");
-    std::vector<Share> shares = discretisation_shares(experiment, trials, record_.fit, events_.show, ask);
-    if (auto share = section_share(experiment, trials, record_.fit, events_.show, ask)) shares.push_back(*share);
+    std::vector<Share> shares;
+    if (bench_.one_model()) {
+      shares = discretisation_shares(experiment, trials, record_.fit, events_.show, ask);
+      if (auto share = section_share(experiment, trials, record_.fit, events_.show, ask)) shares.push_back(*share);
+    } else {
+      shares.push_back(model_share(bench_, record_.fit, ask));
+      experiment.model = Rung::full;  // has every number that was taken for granted, near enough
+    }
     for (Share& share : assumption_shares(experiment, trials, record_.fit, events_.show, ask))
       shares.push_back(std::move(share));
     if (stopped()) return;

@@ -17,6 +17,27 @@ namespace {
 
 constexpr double unstated = 0.01;  ///< of a number without a tolerance: what its share is shown for
 
+/// How far the fitted parameters go where all values of `own` are off by `change`, on the fitted scale. Half of the way
+/// from one side to the other: what a step that is not linear does to one side alone goes out.
+Eigen::VectorXd shift_by(const Prediction& own, const Eigen::VectorXd& change,
+                         const std::vector<Measurement>& measurements, const ParameterTable& table, const Params& p,
+                         const std::vector<FreeParameter>& free) {
+  const auto step = [&](double side) {
+    Prediction changed = own;
+    changed.values += side * change;
+    return gauss_newton_step(changed, measurements, table, p, free);
+  };
+  return 0.5 * (step(1) - step(-1));
+}
+
+/// That shift as the error of each parameter.
+std::vector<double> errors_of(const Eigen::VectorXd& shift, const FitResult& fit) {
+  std::vector<double> errors;
+  for (const ParameterEstimate& e : fit.parameters)
+    errors.push_back((e.spec.logarithmic ? e.value : 1) * std::abs(shift[static_cast<Eigen::Index>(errors.size())]));
+  return errors;
+}
+
 }  // namespace
 
 std::vector<Share> assumption_shares(const Experiment& experiment, const Trials& trials, const FitResult& fit,
@@ -55,25 +76,14 @@ std::vector<Share> assumption_shares(const Experiment& experiment, const Trials&
       const size_t control = position_of_control(experiment, assumption.id);
       for (size_t r = 0; r < rows.size(); ++r) column[static_cast<Eigen::Index>(r)] *= rows[r].controls[control];
     }
-    // Half of the way from one side to the other: what a step that is not linear does to one side alone goes out.
-    const auto step = [&](double by) {
-      Prediction changed = own;
-      changed.values = whole.values + by * column;
-      return gauss_newton_step(changed, protocol.replay().measurements, table, p, free);
-    };
-    const Eigen::VectorXd shift = 0.5 * (step(change) - step(-change));
     if (column.isZero(0)) continue;  // gravity without a weight, say
     Share& share = shares.emplace_back();
     share.source = assumption.scale ? "scale of " + assumption.id : assumption.id;
     if (!assumption.scale && experiment.control_tolerances.contains(assumption.id))
       share.source = "zero of " + assumption.id;
     share.counted = assumption.tolerance > 0;
-    for (size_t j = 0; j < free.size(); ++j) {
-      const ParameterEstimate& e = fit.parameters[j];
-      const double by = std::abs(shift[static_cast<Eigen::Index>(j)]);
-      share.bias.push_back(0);
-      share.error.push_back(e.spec.logarithmic ? e.value * by : by);
-    }
+    share.bias.assign(free.size(), 0.0);
+    share.error = errors_of(shift_by(own, change * column, protocol.replay().measurements, table, p, free), fit);
     const std::string size =
         assumption.scale ? fmt::format("{:.3g} %", 100 * change) : with_unit(change, assumption.unit);
     share.how = share.counted
@@ -82,6 +92,39 @@ std::vector<Share> assumption_shares(const Experiment& experiment, const Trials&
   }
   if (!shares.empty()) shares.front().seconds = watch.seconds();
   return shares;
+}
+
+Share model_share(const Bench& bench, const FitResult& fit, const Ask& ask) {
+  const Stopwatch watch;
+  const ParameterTable& table = bench.protocol().parameters();
+  std::vector<FreeParameter> free;
+  for (const ParameterEstimate& e : fit.parameters) free.push_back({table.index(e.spec.id), e.value, e.lower, e.upper});
+  const std::vector<int> columns = indices_of(free);
+  const Prediction own = ask ? ask(bench.protocol(), fit.p, columns) : bench.protocol().predict(fit.p, columns);
+  Share share;
+  share.source = "model";
+  share.bias.assign(free.size(), not_a_number);
+  share.error = share.bias;
+  Eigen::VectorXd change = own.values;
+  double largest = 0;
+  int unknown = 0;
+  for (Eigen::Index row = 0; row < change.size(); ++row) {
+    const double error = bench.model_of(static_cast<int>(row)).value_or(RowModel{}).error;
+    change[row] *= error;
+    largest = std::max(largest, std::abs(error));  // leaves NaN out
+    if (!std::isfinite(error)) ++unknown;
+  }
+  if (!own.complete()) {
+    share.how = own.failures.front();
+  } else if (unknown > 0) {
+    share.how = fmt::format("the models state no error for {} of {} rows", unknown, change.size());
+  } else {
+    share.bias.assign(free.size(), 0.0);
+    share.error = errors_of(shift_by(own, change, bench.measurements(), table, fit.p, free), fit);
+    share.how = fmt::format("rows off by what their models state, up to {:.2g} %, all to one side", 100 * largest);
+  }
+  share.seconds = watch.seconds();
+  return share;
 }
 
 TotalInterval total_interval(const ParameterEstimate& estimate, const std::vector<Share>& shares, size_t j) {

@@ -14,6 +14,11 @@ namespace taut {
 std::vector<Share> assumption_shares(const Experiment& experiment, const Trials& trials, const FitResult& fit,
                                      const std::function<void(const std::string&)>& progress = {}, const Ask& ask = {});
 
+/// The share of the models that predict rows in place of the full one (Bench::model_of()): what the relative errors
+/// that they state do to each parameter, by gauss_newton_step(), where all are off to the same side. Not known where a
+/// row's is not. `fit` has a result.
+Share model_share(const Bench& bench, const FitResult& fit, const Ask& ask = {});
+
 /// The 95 % interval of the j-th parameter with all that counts: noise, bias and error of each share, added up as root
 /// of squares on either side of the value.
 struct TotalInterval {

@@ -73,11 +73,16 @@ struct Fitted {
   const std::function<void(const std::string&)>& progress;
   const Ask& ask;
 
-  /// Where the fit would end with other settings. `what` is told before that is computed.
+  /// Where the fit would end with another mesh. `what` is told before that is computed.
   Shift shift_with(const MeshSettings& settings, const std::string& what) const {
-    if (progress) progress(what);
     Experiment with = experiment;
     with.mesh = settings;
+    return shift_with(with, what);
+  }
+
+  /// The same with another model.
+  Shift shift_with(const Experiment& with, const std::string& what) const {
+    if (progress) progress(what);
     DimensionedProtocol protocol(with, trials, free_dimensions(with));
     if (!protocol.left_out().empty()) return {{}, protocol.left_out().front()};
     const ParameterTable& table = protocol.parameters();
@@ -151,6 +156,16 @@ struct Fitted {
     return known(step, step.cwiseAbs() / 3,
                  fmt::format("one Gauss-Newton step at the optimum with a solid ({}) against the same section",
                              solid.describe()));
+  }
+
+  /// What stiff regions that do not deform leave out.
+  Share rigid_share(const Shift& own) const {
+    Experiment full = experiment;
+    full.model = Rung::full;
+    const Shift shift = shift_with(full, "the share of rigid segments");
+    if (!shift.failure.empty()) return unknown("segments that deform: " + shift.failure);
+    const Eigen::VectorXd step = shift.step - own.step;
+    return known(step, step.cwiseAbs() / 3, "one Gauss-Newton step at the optimum with segments that deform");
   }
 
   /// A share from where the fit would end in the limit and the error of that, on the fitted scale.
@@ -270,6 +285,7 @@ std::vector<Share> discretisation_shares(const Experiment& experiment, const Tri
   };
   add("mesh", [&] { return fitted.mesh_share(own); });
   if (experiment.contact.on) add("contact gap", [&] { return fitted.gap_share(own); });
+  if (experiment.model == Rung::rigid_segments) add("rigid segments", [&] { return fitted.rigid_share(own); });
   return shares;
 }
 

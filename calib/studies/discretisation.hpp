@@ -48,14 +48,15 @@ struct Share {
 /// parameter, `estimate`.
 std::string describe(const Share& share, const ParameterEstimate& estimate, size_t j);
 
-/// The shares of mesh and contact gap in a fit of readings at rest. Models that are refined predict all
+/// The shares of mesh, contact gap and rigid segments in a fit of readings at rest. Models that are refined predict all
 /// readings at the optimum, with derivatives, and gauss_newton_step() from there, less that of the fit's own model,
 /// tells where their fit would end; nothing is fitted again.
 ///
 /// Mesh: the finest three of most_accurate() meshes with sizes r^-2 ... r^2 times the fit's own, r = 2 in 2D and 1.45
 /// in 3D, that have at most 150 000 unknowns in 2D and 40 000 in 3D; then extrapolate() with orders up to 2, what
 /// clamped corners leave of quadratic elements' 4. Contact gap: half of it, then linearly to none, with half of the
-/// bias as error (the stand-off of closed faces is proportional to the gap).
+/// bias as error (the stand-off of closed faces is proportional to the gap). Rigid segments: the same with segments
+/// that deform; a third of the bias is its error.
 ///
 /// `fit` has a result (a covariance); `experiment` and `trials` are those it was made with. A failed simulation makes
 /// the share unknown. `progress` is told what comes next; `ask`, where it is given, is how predictions are had.

@@ -313,7 +313,8 @@ struct OdeIntegrator::Implementation {
       }
       count();
       // The new state itself may turn out to be inadmissible, when it is too late for a shorter step.
-      if (flag == (bdf() ? CV_UNREC_RHSFUNC_ERR : ARK_UNREC_RHSFUNC_ERR)) return stop_short_of(end);
+      static_assert(CV_UNREC_RHSFUNC_ERR == ARK_UNREC_RHSFUNC_ERR);
+      if (flag == CV_UNREC_RHSFUNC_ERR) return stop_short_of(end);
       if (flag < 0) return stop(OdeStatus::failed, words.text);
       if (!accept(reached)) return stop_short_of(reached);
     }

@@ -7,6 +7,7 @@
 
 #include "calib/benches/static_bench.hpp"
 #include "calib/fit/fit.hpp"
+#include "calib/runs/open_bench.hpp"
 #include "calib/studies/assumption_shares.hpp"
 #include "sim/mesh/weights.hpp"
 #include "tests/support/message.hpp"
@@ -242,6 +243,73 @@ TEST(TotalInterval, AddsWhatCountsAsRootOfSquaresAndSaysWhatIsNotKnown) {
   EXPECT_DOUBLE_EQ(*total.lower, 95);
   EXPECT_FALSE(total.upper.has_value()) << "open, as the noise leaves it";
   EXPECT_EQ(total.without, std::vector<std::string>{"plane section"});
+}
+
+FitResult fitted(const Bench& bench) {
+  FitOptions options;
+  options.profiles = false;
+  const FitResult result = fit(bench.protocol(), bench.measurements(), bench.free(), options);
+  EXPECT_EQ(result.status, FitStatus::converged);
+  return result;
+}
+
+// A small deflection is proportional to 1/E: what the beams state of it is what they state of E.
+TEST_F(Assumptions, WhatBeamsStateOfTheirRowsIsTheModelsShare) {
+  folder_.write("bench.csv", "trial,pull_N,tip_mm\na,0.001,0.2\nb,0.002,0.4\n");
+  const auto bench = open_bench(
+      folder_.write("e.toml", replaced(beam_toml, "data = \"simulated\"", "data = \"simulated\"\nmodel = \"beam\"")));
+  const FitResult result = fitted(*bench);
+  const double stated = bench->model_of(0)->error;
+  EXPECT_GT(stated, 0.001);
+  EXPECT_NEAR(bench->model_of(1)->error, stated, 1e-3 * stated);
+  const Share share = model_share(*bench, result);
+  EXPECT_TRUE(share.counted);
+  EXPECT_EQ(share.bias[0], 0);
+  EXPECT_NEAR(share.error[0] / result.parameters[0].value, stated, 0.02 * stated);
+}
+
+TEST_F(Assumptions, WhereAModelStatesNoErrorItsShareIsNotKnown) {
+  const std::string csv = "trial,pull_N,tip_mm\na,0.001,0.2\nb,30,58\n";  // far beyond what beams describe
+  folder_.write("bench.csv", csv);
+  const auto bench = open_bench(
+      folder_.write("e.toml", replaced(beam_toml, "data = \"simulated\"", "data = \"simulated\"\nmodel = \"beam\"")));
+  FitResult at_start;
+  at_start.p = bench->protocol().nominal();
+  at_start.parameters.resize(1);
+  at_start.parameters[0].spec = bench->protocol().parameters()[bench->free()[0].index];
+  const Share share = model_share(*bench, at_start);
+  EXPECT_TRUE(std::isnan(share.error[0])) << share.how;
+}
+
+// In series u = F/A (l/E + L/E'): without the second a fit finds l/E + L/E' for its l/E.
+TEST_F(Assumptions, WhatRigidSegmentsLeaveOutIsTheComplianceInSeries) {
+  folder_.write("bar.msh",
+                "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n4\n1 1 \"left\"\n1 2 \"right\"\n2 3 \"foam\"\n"
+                "2 4 \"plastic\"\n$EndPhysicalNames\n$Nodes\n6\n1 0 0 0\n2 10 0 0\n3 60 0 0\n4 0 12 0\n5 10 12 0\n"
+                "6 60 12 0\n$EndNodes\n$Elements\n6\n1 1 2 1 1 1 4\n2 1 2 2 2 3 6\n3 2 2 3 3 1 2 5\n4 2 2 3 3 1 5 4\n"
+                "5 2 2 4 4 2 3 6\n6 2 2 4 4 2 6 5\n$EndElements\n");
+  const double E = 100e3, stiff = 120 * E, compliance = 0.01 / E + 0.05 / stiff;
+  const double force = 1e-4, area = 0.012 * 0.02;
+  folder_.write("bench.csv",
+                fmt::format("trial,pull_N,tip_mm\na,{0},{1}\nb,{0},{1}\n", force, 1e3 * force / area * compliance));
+  std::string toml = bar();
+  toml = replaced(toml, "data = \"simulated\"", "data = \"simulated\"\nmodel = \"rigid_segments\"");
+  toml = replaced(toml, "kind = \"rectangle\"\nsize = [\"60 mm\", \"12 mm\"]\nregion = \"foam\"",
+                  "kind = \"msh\"\nfile = \"bar.msh\"\nunit = \"mm\"\ndimension = 2");
+  toml = replaced(toml, "[mesh]\ncells = [10, 4]\nelement = \"quadratic\"\n", "");
+  toml = replaced(toml, "[[support]]",
+                  "[materials.plastic]\nlaw = \"neo_hookean\"\nE = \"12 MPa\"\nnu = 0\n\n[[support]]");
+  toml = replaced(toml, "on = \"xmin\"", "on = \"left\"");
+  for (const char* entry : {"[[load]]\nid = \"pull\"", "[[channel]]\nid = \"tip\""})
+    toml = replaced(toml, entry + std::string("\non = \"xmax\""), entry + std::string("\non = \"right\""));
+  const auto bench = open_bench(folder_.write("e.toml", toml));
+  const FitResult result = fitted(*bench);
+  EXPECT_NEAR(result.parameters[0].value, 0.01 / compliance, 1e-3 * E);
+  const std::vector<Share> shares = discretisation_shares(bench->experiment(), *bench->trials_at_rest(), result);
+  ASSERT_EQ(shares.back().source, "rigid segments");
+  const double bias = 0.01 / compliance - E;
+  EXPECT_LT(bias, -0.03 * E);
+  EXPECT_NEAR(shares.back().bias[0], bias, 0.03 * std::abs(bias)) << shares.back().how;
 }
 
 }  // namespace
