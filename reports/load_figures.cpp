@@ -197,6 +197,7 @@ Unloaded unloaded_of(const RunRecord& record, const Group& group) {
 /// Secant stiffness of a group: points of its readings and a band of its curve, [N/m] over [N].
 struct Stiffness {
   Points points;  ///< force, k, sigma of k
+  Rows at_least;  ///< of readings within 2 sigma of no displacement: force, smallest k
   Band band;
   bool increment = false;  ///< displacements are counted from the readings at zero load
   bool bound = false;      ///< the band is as wide as it can be: a correlation is not known
@@ -207,8 +208,10 @@ struct StiffnessNumbers {
   std::vector<double> loads, centres, reach;
   std::string csv;
 
-  void add(double force, double k, double half) {
+  /// Near no displacement the quotient may be anything: what is within 2 sigma of that does not stretch the axis.
+  void add(double force, double k, double sigma, double half) {
     loads.push_back(force);
+    if (std::abs(k) < 2 * sigma) return;
     centres.push_back(k);
     reach.insert(reach.end(), {k - half, k + half});
   }
@@ -227,13 +230,20 @@ Stiffness stiffness_of(const RunRecord& record, const Group& group, StiffnessNum
   for (const size_t i : group.readings) {
     const ReadingRecord& r = record.readings[i];
     const double force = record.load_newtons[i], delta = sign * (r.measured - zero.measured);
-    if (force == 0 || delta == 0) continue;
-    const double k = force / delta;
-    const double sigma = std::abs(force) * std::hypot(r.sigma, zero.sigma) / (delta * delta);
-    out.points[i] = {force, k, sigma};
-    numbers.add(force, k, sigma);
-    numbers.csv += line(r.excluded ? "excluded" : "reading", r.channel, group.series, r.trial, force,
-                        delta / kMillimetre, k, sigma, "", "");
+    const double spread = std::hypot(r.sigma, zero.sigma);
+    if (force == 0) continue;
+    if (std::abs(delta) < 2 * spread && !r.excluded) {  // k may be anything from here on
+      const double least = std::abs(force) / (std::copysign(1, force) * delta + 2 * spread);
+      out.at_least.push_back({force, least});
+      numbers.loads.push_back(force);
+      numbers.csv += line("at_least", r.channel, group.series, r.trial, force, delta / kMillimetre, "", "", least, "");
+    } else if (delta != 0) {
+      const double k = force / delta, sigma = std::abs(force) * spread / (delta * delta);
+      out.points[i] = {force, k, sigma};
+      numbers.add(force, k, sigma, sigma);
+      numbers.csv += line(r.excluded ? "excluded" : "reading", r.channel, group.series, r.trial, force,
+                          delta / kMillimetre, k, sigma, "", "");
+    }
   }
   if (group.curve == nullptr) return out;
   const CurveRecord& curve = *group.curve;
@@ -251,7 +261,7 @@ Stiffness stiffness_of(const RunRecord& record, const Group& group, StiffnessNum
     }
     const double half = half95(se) * std::abs(force) / (delta * delta);
     out.band.add(force, k, 0, half);
-    numbers.add(force, k, half);
+    numbers.add(force, k, half / k95, half);
     numbers.csv +=
         line("curve", group.channel, group.series, "", force, delta / kMillimetre, k, half / k95, k - half, k + half);
   }
@@ -269,7 +279,8 @@ void add_trend(Page& page, const RunRecord& record, const Group& group, Points p
   page.add(plots, polynomial, "lines lw 1.6 dt (6,4)", group.colour);
 }
 
-std::string stiffness_caption(bool any_increment, bool any_plain, bool any_bound, bool trend, bool logarithmic) {
+std::string stiffness_caption(bool any_increment, bool any_plain, bool any_bound, bool any_at_least, bool trend,
+                              bool logarithmic) {
   std::string caption =
       "Secant stiffness of every reading: load divided by displacement, the bars being the standard deviation of the "
       "reading carried over. A straight horizontal line would be a linear spring; a rising one stiffens under load.";
@@ -279,6 +290,10 @@ std::string stiffness_caption(bool any_increment, bool any_plain, bool any_bound
                            "zero load.";
   }
   if (any_bound) caption += " The band of an increment is drawn at its largest possible width.";
+  if (any_at_least)
+    caption +=
+        " Arrows begin at the least stiffness, 2 σ away, of readings that are within 2 σ of no displacement: there the "
+        "quotient itself says nothing.";
   if (trend)
     caption +=
         " Dashed: a polynomial through the readings of each series, weighted with their bars, without any model.";
@@ -436,9 +451,11 @@ std::optional<Drawing> effective_stiffness(const RunRecord& record) {
   const bool any_increment = std::ranges::any_of(rows, &Stiffness::increment);
   const bool any_plain = !std::ranges::all_of(rows, &Stiffness::increment);
   const bool any_bound = std::ranges::any_of(rows, &Stiffness::bound);
-  if (numbers.centres.empty()) return std::nullopt;
+  const bool any_at_least = std::ranges::any_of(rows, [](const Stiffness& row) { return !row.at_least.empty(); });
+  if (numbers.loads.empty()) return std::nullopt;
 
   std::vector<LegendEntry> legend = legend_with_model(groups, {LegendEntry::bar_along_y, "± 1 σ, propagated"});
+  if (any_at_least) legend.push_back({LegendEntry::arrow, "at least, within 2 σ of none"});
   if (record.trend_degree > 0) {
     legend.push_back({LegendEntry::heading, "Trend, no model"});
     legend.push_back({LegendEntry::dashes, fmt::format("polynomial, degree {}", record.trend_degree)});
@@ -448,10 +465,21 @@ std::optional<Drawing> effective_stiffness(const RunRecord& record) {
               increments ? "Effective stiffness: force per increment beyond self-weight"
                          : "Effective stiffness: force per displacement");
 
-  // One common axis; a long bar of one poor reading does not squeeze the rest.
+  // One common axis; a long bar of one poor reading does not squeeze the rest. Where no reading is better, arrows make
+  // it.
+  if (numbers.centres.empty()) {
+    for (const Stiffness& row : rows) {
+      for (const std::vector<double>& point : row.at_least) numbers.centres.push_back(point[1]);
+    }
+  }
+  if (numbers.centres.empty()) return std::nullopt;
   const auto [low, high] = std::ranges::minmax(numbers.centres);
   const double room = std::max(0.5 * (high - low), 0.02 * std::max(std::abs(low), std::abs(high)));
   const bool logarithmic = low > 0 && high / low > 8;
+  const auto arrow_from = [&](double k) { return logarithmic ? 1.15 * k : k + 0.08 * (high - low + room); };
+  for (const Stiffness& row : rows) {
+    for (const std::vector<double>& point : row.at_least) numbers.reach.push_back(arrow_from(point[1]));
+  }
   for (double& value : numbers.reach) {
     value = std::clamp(value, low - room, high + room);
     if (logarithmic) value = std::clamp(value, low / 1.3, high * 1.3);
@@ -462,6 +490,10 @@ std::optional<Drawing> effective_stiffness(const RunRecord& record) {
     const Group& group = groups.all[g];
     Plots& curves = sheet.curves[group.panel];
     add_points(sheet.page, record, groups, group, rows[g].points, "yerrorbars", sheet.points[group.panel]);
+    Rows arrows;
+    for (const std::vector<double>& point : rows[g].at_least)
+      arrows.push_back({point[0], point[1], arrow_from(point[1]) - point[1]});
+    sheet.page.add(sheet.points[group.panel], arrows, "vectors filled lw 1.4", group.colour, "1:2:(0):3");
     rows[g].band.draw(sheet.page, group.colour, curves);
     if (record.trend_degree > 0)
       add_trend(sheet.page, record, group, rows[g].points, record.trend_degree, logarithmic, numbers.csv, curves);
@@ -472,7 +504,7 @@ std::optional<Drawing> effective_stiffness(const RunRecord& record) {
                logarithmic ? logarithmic_axis_over(numbers.reach, shown) : axis_over(numbers.reach, shown, 6, false));
   }
   const std::string caption =
-      stiffness_caption(any_increment, any_plain, any_bound, record.trend_degree > 0, logarithmic);
+      stiffness_caption(any_increment, any_plain, any_bound, any_at_least, record.trend_degree > 0, logarithmic);
   return Drawing{{"effective_stiffness", "Effective stiffness", caption}, numbers.csv, sheet.page};
 }
 

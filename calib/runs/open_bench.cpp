@@ -53,7 +53,8 @@ std::unique_ptr<Bench> open_bench(const std::string& path, const BenchOptions& o
 std::unique_ptr<Bench> open_bench(Experiment experiment, const BenchOptions& options) {
   experiment.equilibrium.stop = options.stop;
   if (options.threads > 0) experiment.threads = options.threads;
-  std::unique_ptr<Bench> bench = experiment.kind->open(std::move(experiment));
+  const BenchKind& kind = *experiment.kind;
+  std::unique_ptr<Bench> bench = kind.open(std::move(experiment));
   bench->use({start_by_beams, choose});
   return bench;
 }

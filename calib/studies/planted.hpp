@@ -1,4 +1,6 @@
 #pragma once
+#include <array>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -29,10 +31,10 @@ PlantedBench plant(const Experiment& base, unsigned number, bool off);
 /// What the fits of one planted bench came to.
 struct PlantedResult {
   int cells = 0, unknowns = 0;
-  double largest = 0;             ///< tip displacement over length
-  std::string status[2];          ///< of the fits from a soft and from a stiff start, dimensions exact
-  double apart = 0;               ///< of their E_foam, in standard errors
-  double chi_squared = 0, p = 0;  ///< dimensions exact
+  double largest = 0;                 ///< tip displacement over length
+  std::array<std::string, 2> status;  ///< of the fits from a soft and from a stiff start, dimensions exact
+  double apart = 0;                   ///< of their E_foam, in standard errors
+  double chi_squared = 0, p = 0;      ///< dimensions exact
   int dof = 0;
   double cold_replays = 0;  ///< of the dearer search
   std::vector<std::string> parameters;

@@ -5,10 +5,16 @@
 #if TAUT_HAS_GMSH
 #include <fmt/format.h>
 #include <gmsh.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
 #include <mutex>
+#include <sstream>
 #include <unordered_map>
 
 #include "sim/mesh/outline.hpp"
@@ -47,20 +53,72 @@ class Session {
   std::lock_guard<std::mutex> lock_;
 };
 
-/// Runs `work` in a session and turns what Gmsh throws into an InputError.
+/// Runs `work` in a session and turns what Gmsh throws into an InputError that begins with `what`.
 template <class Work>
-Mesh with_gmsh(Work&& work) {
+auto with_gmsh(Work&& work, const std::string& what = "Gmsh cannot mesh this geometry") {
   try {
     const Session session;
     return work();
   } catch (const InputError&) {
     throw;
   } catch (const std::exception& error) {
-    throw InputError(fmt::format("Gmsh cannot mesh this geometry: {}", error.what()));
+    throw InputError(fmt::format("{}: {}", what, error.what()));
   } catch (const std::string& error) {
-    throw InputError(fmt::format("Gmsh cannot mesh this geometry: {}", error));
+    throw InputError(fmt::format("{}: {}", what, error));
   } catch (int code) {
-    throw InputError(fmt::format("Gmsh cannot mesh this geometry: error {}", code));
+    throw InputError(fmt::format("{}: error {}", what, code));
+  }
+}
+
+/// A path for a mesh, whose file goes with it.
+class TemporaryMsh {
+ public:
+  TemporaryMsh() : path_((std::filesystem::temp_directory_path() / "taut_XXXXXX.msh").string()) {
+    const int file = mkstemps(path_.data(), 4);
+    if (file < 0)
+      throw InputError(fmt::format("cannot write in {}; set TMPDIR", std::filesystem::temp_directory_path().string()));
+    close(file);
+  }
+  ~TemporaryMsh() { std::remove(path_.c_str()); }
+  TemporaryMsh(const TemporaryMsh&) = delete;
+  TemporaryMsh& operator=(const TemporaryMsh&) = delete;
+  const std::string& path() const { return path_; }
+  std::string text() const {
+    std::ostringstream text;
+    text << std::ifstream(path_).rdbuf();
+    return text.str();
+  }
+
+ private:
+  std::string path_;
+};
+
+/// Makes the volume that a triangulated surface encloses.
+void enclose_surface() {
+  constexpr double sharp = 40 * M_PI / 180;  // edges between faces
+  gmsh::model::mesh::classifySurfaces(sharp, true, true, M_PI);
+  gmsh::model::mesh::createGeometry();
+  gmsh::vectorpair faces;
+  gmsh::model::getEntities(faces, 2);
+  std::vector<int> numbers;
+  for (const auto& [dimension, face] : faces) numbers.push_back(face);
+  gmsh::model::geo::addVolume({gmsh::model::geo::addSurfaceLoop(numbers)});
+  gmsh::model::geo::synchronize();
+}
+
+/// Names the entities of a dimension where no physical group has any: as their file does, else "<kind>_<number>" with
+/// Gmsh's numbers.
+void name_entities(int dimension, const std::string& kind) {
+  gmsh::vectorpair groups, entities;
+  gmsh::model::getPhysicalGroups(groups, dimension);
+  if (!groups.empty()) return;
+  gmsh::model::getEntities(entities, dimension);
+  for (const auto& [d, number] : entities) {
+    std::string name;
+    gmsh::model::getEntityName(d, number, name);
+    if (const size_t slash = name.rfind('/'); slash != std::string::npos) name = name.substr(slash + 1);
+    if (name.empty()) name = fmt::format("{}_{}", kind, number);
+    gmsh::model::setPhysicalName(d, gmsh::model::addPhysicalGroup(d, {number}), name);
   }
 }
 
@@ -334,6 +392,33 @@ Mesh mesh_boxes(const std::vector<BoxRegion>& boxes, double size, int order) {
   });
 }
 
+std::string msh_text(const std::string& path, int dimension) {
+  return with_gmsh(
+      [&] {
+        gmsh::open(path);
+        std::vector<int> types;
+        gmsh::model::mesh::getElementTypes(types, dimension);
+        if (types.empty()) {
+          gmsh::model::mesh::getElementTypes(types);
+          if (dimension == 3 && !types.empty()) enclose_surface();
+          gmsh::model::mesh::generate(dimension);
+        }
+        types.clear();
+        gmsh::model::mesh::getElementTypes(types, dimension);
+        if (types.empty())
+          throw InputError(fmt::format("{}: Gmsh finds no body of {} dimensions in it", path, dimension));
+        name_entities(dimension, dimension == 3 ? "volume" : "surface");
+        name_entities(dimension - 1, dimension == 3 ? "surface" : "curve");
+        gmsh::option::setNumber("Mesh.MshFileVersion", 4.1);
+        gmsh::option::setNumber("Mesh.Binary", 0);
+        gmsh::option::setNumber("Mesh.SaveAll", 0);
+        const TemporaryMsh file;
+        gmsh::write(file.path());
+        return file.text();
+      },
+      path + ": Gmsh cannot make a mesh of it");
+}
+
 }  // namespace taut
 
 #else
@@ -355,6 +440,12 @@ Mesh mesh_polygons(const std::vector<PolygonRegion>&, double, int) {
 }
 Mesh mesh_boxes(const std::vector<BoxRegion>&, double, int) {
   refuse();
+}
+std::string msh_text(const std::string& path, int) {
+  throw InputError(
+      path +
+      ": this build has no Gmsh, and reads its formats 4.1 and 2.2 in ASCII only; convert it: gmsh -3 -format "
+      "msh41 -o mesh.msh FILE");
 }
 
 }  // namespace taut

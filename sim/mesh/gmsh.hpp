@@ -33,4 +33,11 @@ Mesh mesh_polygons(const std::vector<PolygonRegion>& polygons, double size, int 
 /// box. Errors as above.
 Mesh mesh_boxes(const std::vector<BoxRegion>& boxes, double size, int order);
 
+/// What is in a file of any format that Gmsh reads, as text of its format 4.1 for read_msh(): meshes (.msh of other
+/// versions, binary ones, .inp, .vtk, ...) as they are, geometry (.geo, .step, .brep) meshed in `dimension` (2 or 3)
+/// with the sizes that it has, a closed triangulated surface (.stl) filled. Without physical groups each volume and
+/// face becomes one of its own: its name in the file, else "volume_1", "surface_2" ("surface_1", "curve_2" in 2D).
+/// Throws InputError with the path for what Gmsh cannot do, and in a build without it.
+std::string msh_text(const std::string& path, int dimension);
+
 }  // namespace taut

@@ -7,11 +7,15 @@
 #include <charconv>
 #include <cmath>
 #include <cstdint>
+#include <filesystem>
 #include <fstream>
+#include <memory>
 #include <set>
+#include <sstream>
 #include <unordered_map>
 
 #include "sim/core/error.hpp"
+#include "sim/mesh/gmsh.hpp"
 #include "sim/mesh/topology.hpp"
 
 namespace taut {
@@ -23,9 +27,7 @@ using EntityKey = std::pair<int, Number>;  ///< dimension and number: of a geome
 /// The lines of a file, split into words. Every error carries path and line.
 class Lines {
  public:
-  explicit Lines(const std::string& path) : path_(path), file_(path) {
-    if (!file_) throw InputError(fmt::format("{}: cannot be opened; check the path", path));
-  }
+  Lines(const std::string& path, std::unique_ptr<std::istream> file) : path_(path), file_(std::move(file)) {}
 
   [[noreturn]] void fail(const std::string& what) const { fail_at(line_, what); }
   [[noreturn]] void fail_at(Number line, const std::string& what) const {
@@ -34,7 +36,7 @@ class Lines {
 
   /// Moves to the next line that is not blank; false at the end of the file.
   bool next() {
-    while (std::getline(file_, text_)) {
+    while (std::getline(*file_, text_)) {
       ++line_;
       split();
       if (!words_.empty()) return true;
@@ -109,7 +111,7 @@ class Lines {
   }
 
   std::string path_;
-  std::ifstream file_;
+  std::unique_ptr<std::istream> file_;
   std::string text_;
   std::vector<std::string_view> words_;
   Number line_ = 0;
@@ -145,7 +147,8 @@ struct FileElement {
 
 class MshReader {
  public:
-  MshReader(const std::string& path, double unit) : lines_(path), unit_(unit) {}
+  MshReader(const std::string& path, std::unique_ptr<std::istream> file, double unit)
+      : lines_(path, std::move(file)), unit_(unit) {}
 
   Mesh read() {
     while (lines_.next()) read_section();
@@ -189,14 +192,6 @@ class MshReader {
   void read_format() {
     lines_.expect_words(3, "version, file type and data size");
     const std::string version = lines_.word(0);
-    if (version != "4.1" && version != "2.2") {
-      lines_.fail(fmt::format("format {} is not supported, only 4.1 and 2.2; convert it: gmsh -save -format msh41 {}",
-                              version, lines_.path()));
-    }
-    if (lines_.integer(1, "the file type") != 0) {
-      lines_.fail(
-          fmt::format("the file is binary; save it as ASCII: gmsh -save -format msh41 -o ascii.msh {}", lines_.path()));
-    }
     new_format_ = version == "4.1";
   }
 
@@ -503,13 +498,31 @@ class MshReader {
   std::vector<int> mesh_number_;  ///< of each file node; -1 for nodes of no element
 };
 
+/// Whether it is no ASCII mesh of the formats 4.1 and 2.2; what calls itself .msh and is no mesh at all is one with
+/// errors.
+bool is_for_gmsh(const std::string& path) {
+  if (std::filesystem::path(path).extension() != ".msh") return true;
+  std::ifstream file(path);
+  std::string first, version, type;
+  file >> first >> version >> type;
+  if (first == "$NOD") return true;  // format 1
+  return first == "$MeshFormat" && !type.empty() && ((version != "4.1" && version != "2.2") || type != "0");
+}
+
 }  // namespace
 
-Mesh read_msh(const std::string& path, double unit) {
+Mesh read_msh(const std::string& path, double unit, int dimension) {
   if (!(unit > 0.0) || !std::isfinite(unit)) {
     throw InputError(fmt::format("{}: unit {} m must be positive; 0.001 for a mesh in millimetres", path, unit));
   }
-  return MshReader(path, unit).read();
+  auto file = std::make_unique<std::ifstream>(path);
+  if (!*file) throw InputError(fmt::format("{}: cannot be opened; check the path", path));
+  if (is_for_gmsh(path)) {
+    return MshReader(path + " (as Gmsh writes it)", std::make_unique<std::istringstream>(msh_text(path, dimension)),
+                     unit)
+        .read();
+  }
+  return MshReader(path, std::move(file), unit).read();
 }
 
 }  // namespace taut

@@ -9,7 +9,7 @@
 namespace taut {
 
 std::vector<ShapeKey> MeshFile::keys() {
-  return {{"file", &file, Allowed::any(), "Gmsh 2.2 or 4.1, ASCII", Quantity::pure, true},
+  return {{"file", &file, Allowed::any(), "a mesh or geometry that Gmsh reads", Quantity::pure, true},
           {"unit", &unit, Allowed::any(), "of the file's coordinates", Quantity::length, true},
           {"dimension", &axes, Allowed::at_least(2, 3), "of the mesh", Quantity::pure},
           {"bodies", &bodies, Allowed::any(), "\"joined\", or \"separate\": parts that share no node are meant",
@@ -22,7 +22,7 @@ void MeshFile::check() const {
 }
 
 Mesh MeshFile::mesh(const MeshSettings& settings, bool, bool) const {
-  Mesh mesh = read_msh(file.path, unit.metres);
+  Mesh mesh = read_msh(file.path, unit.metres, axes);
   if (mesh.dimension() != axes) {
     throw InputError(
         fmt::format("{} is a {}D mesh; set dimension = {}", file.path, mesh.dimension(), mesh.dimension()));

@@ -267,14 +267,22 @@ TEST_F(ReportTest, StiffnessIsForceOverDisplacementWithItsErrorCarriedOver) {
   RunRecord record = test::empty_record("E", 1e5, 1e3);
   // k = 2 / 0.004 = 500 N/m, sigma_k = F sigma / delta^2 = 2 * 1e-4 / 1.6e-5 = 12.5 N/m
   test::add_reading(record, "a", "tip", 2, -0.004, 1e-4, -0.004);
-  test::add_reading(record, "b", "tip", 2, 0, 1e-4, -0.004);  // no displacement, no stiffness
+  // Within 2 sigma of none: at most 0.05 + 0.2 mm, at least 2 / 0.25e-3 = 8000 N/m; 2 / 0.2e-3 = 10000.
+  test::add_reading(record, "b", "tip", 2, -0.00005, 1e-4, -0.004);
+  test::add_reading(record, "c", "tip", 2, 0, 1e-4, -0.004);
   record.curves = {{"tip", "", {0, 2}, {0, -0.004}, {0, 4e-5}}};
   write_report(record, folder());
   auto all = rows("figures/effective_stiffness.csv");
-  ASSERT_EQ(all.size(), 2u);
+  ASSERT_EQ(all.size(), 4u);
   EXPECT_EQ(all[0]["displacement_mm"], "4");
   EXPECT_EQ(all[0]["stiffness_N_per_m"], "500");
   EXPECT_EQ(all[0]["sigma_N_per_m"], "12.5");
+  for (size_t i : {1u, 2u}) {
+    EXPECT_EQ(all[i]["kind"], "at_least");
+    EXPECT_EQ(all[i]["stiffness_N_per_m"], "");
+    EXPECT_NEAR(std::stod(all[i]["band_lower_N_per_m"]), i == 1 ? 8000 : 10000, 1e-3);
+  }
+  all.erase(all.begin() + 1, all.begin() + 3);
   EXPECT_EQ(all[1]["kind"], "curve");
   EXPECT_EQ(all[1]["stiffness_N_per_m"], "500");
   EXPECT_NEAR(std::stod(all[1]["sigma_N_per_m"]), 5, 1e-9);
