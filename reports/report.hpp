@@ -11,7 +11,7 @@ struct Figure {
   std::string name;
   std::string title;
   std::string caption;   ///< what a person should see in it, in one or two sentences
-  std::string svg = "";  ///< the SVG text, for inlining
+  std::string svg = {};  ///< the SVG text, for inlining
 };
 
 /// The page of a run without its figures.

@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <optional>
 #include <string>
 #include <utility>
@@ -106,9 +107,9 @@ struct RunRecord {
   std::vector<ReadingRecord> readings;
   std::vector<CurveRecord> curves;
   std::vector<ShapeRecord> shapes;
-  std::string shape_axes[2];  ///< "x", "z"
-  int trend_degree = 0;       ///< of the polynomial through each series of the effective stiffness; 0: none
-  VariantRecord main;         ///< the fit itself, as a row of the table of variants
+  std::array<std::string, 2> shape_axes;  ///< "x", "z"
+  int trend_degree = 0;                   ///< of the polynomial through each series of the effective stiffness; 0: none
+  VariantRecord main;                     ///< the fit itself, as a row of the table of variants
   std::vector<VariantRecord> variants;
   std::vector<DiagnosticRecord> diagnostics;
   std::vector<SwingRecord> swings;

@@ -725,16 +725,14 @@ StabilityRun judge(Equilibrium& equilibrium, const EquilibriumOptions& options, 
   } else if (!(smallest_jacobian(model.mesh(), equilibrium.u()) > 0) ||
              report.status == SolveStatus::infeasible_start) {
     run.outcome = Outcome::inverted;
-  } else if (report.status == SolveStatus::not_a_minimum) {
-    run.outcome = Outcome::saddle;
-  } else if (report.status != SolveStatus::converged) {
+  } else if (report.status != SolveStatus::converged && report.status != SolveStatus::not_a_minimum) {
     // Full steps end early only where the energy is infinite; what the whole load does from here tells.
     Equilibrium probe(model, options);
     probe.start_at(equilibrium.u(), p);
     const bool early =
         options.comparison.line_search == LineSearch::none && probe.solve(p).status == SolveStatus::stalled;
     run.outcome = early ? Outcome::inverted : Outcome::diverged;
-  } else if (!equilibrium.refactorise()) {
+  } else if (report.status == SolveStatus::not_a_minimum || !equilibrium.refactorise()) {
     run.outcome = Outcome::saddle;
   } else {
     if (reference.size() > 0) run.error = largest(equilibrium.u() - reference) / largest(reference);

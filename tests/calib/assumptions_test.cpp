@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <tuple>
 
 #include "calib/benches/static_bench.hpp"
 #include "calib/fit/fit.hpp"
@@ -269,16 +270,20 @@ TEST_F(Assumptions, WhatBeamsStateOfTheirRowsIsTheModelsShare) {
 }
 
 TEST_F(Assumptions, WhereAModelStatesNoErrorItsShareIsNotKnown) {
-  const std::string csv = "trial,pull_N,tip_mm\na,0.001,0.2\nb,30,58\n";  // far beyond what beams describe
-  folder_.write("bench.csv", csv);
-  const auto bench = open_bench(
-      folder_.write("e.toml", replaced(beam_toml, "data = \"simulated\"", "data = \"simulated\"\nmodel = \"beam\"")));
+  Experiment closing = read_experiment(TAUT_SOURCE_DIR "/experiments/push_puppet/experiment.toml");
+  closing.model = Rung::beam;
+  const auto bench = open_bench(std::move(closing));
   FitResult at_start;
   at_start.p = bench->protocol().nominal();
-  at_start.parameters.resize(1);
-  at_start.parameters[0].spec = bench->protocol().parameters()[bench->free()[0].index];
+  for (const FreeParameter& free : bench->free()) {
+    ParameterEstimate& estimate = at_start.parameters.emplace_back();
+    estimate.spec = bench->protocol().parameters()[free.index];
+    std::tie(estimate.value, estimate.lower, estimate.upper) = std::tie(free.start, free.lower, free.upper);
+  }
+  at_start.p[bench->protocol().parameters().index("slack")] = -3e-3;  // as much as further retraction: all lips closed
   const Share share = model_share(*bench, at_start);
-  EXPECT_TRUE(std::isnan(share.error[0])) << share.how;
+  EXPECT_TRUE(share.how.starts_with("the models state no error for ")) << share.how;
+  for (size_t j = 0; j < share.bias.size(); ++j) EXPECT_TRUE(std::isnan(share.bias[j]) && std::isnan(share.error[j]));
 }
 
 // In series u = F/A (l/E + L/E'): without the second a fit finds l/E + L/E' for its l/E.

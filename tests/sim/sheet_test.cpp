@@ -34,7 +34,8 @@ TEST(Sheet, CablesRunThroughTheTilesOfARow) {
     ASSERT_EQ(path.size(), 10u);
     for (size_t k = 0; k < path.size(); ++k) {
       EXPECT_NO_THROW(locate(mesh, path[k]));
-      EXPECT_NEAR(path[k][0], 25e-3 * static_cast<double>(k / 2) + (k % 2 == 1 ? 20e-3 : 0), 1e-15);
+      const size_t tile = k / 2;
+      EXPECT_NEAR(path[k][0], 25e-3 * static_cast<double>(tile) + (k % 2 == 1 ? 20e-3 : 0), 1e-15);
       EXPECT_NEAR(path[k][1], 10e-3 + 25e-3 * row, 1e-15);
       EXPECT_EQ(path[k][2], 1.2e-3);
     }

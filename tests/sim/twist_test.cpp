@@ -53,7 +53,8 @@ TEST(TwistModule, CablesAreHelicesThroughThePlates) {
       for (size_t k = 0; k < path.size(); ++k) {
         EXPECT_NO_THROW(locate(mesh, path[k]));
         EXPECT_NEAR(path[k].head<2>().norm(), m.cable_radius, 1e-15);
-        EXPECT_NEAR(path[k][2], 13e-3 * static_cast<double>(k / 2) + (k % 2 == 1 ? 3e-3 : 0), 1e-15);
+        const size_t cell = k / 2;
+        EXPECT_NEAR(path[k][2], 13e-3 * static_cast<double>(cell) + (k % 2 == 1 ? 3e-3 : 0), 1e-15);
         if (k < 2) continue;
         const Eigen::Vector3d &one = path[k - 2], &two = path[k];
         EXPECT_NEAR(std::atan2(one[0] * two[1] - one[1] * two[0], one.head<2>().dot(two.head<2>())),
