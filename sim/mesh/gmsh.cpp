@@ -3,14 +3,18 @@
 #include "sim/core/error.hpp"
 
 #if TAUT_HAS_GMSH
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <gmsh.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <mutex>
@@ -23,10 +27,10 @@
 namespace taut {
 namespace {
 
-/// One Gmsh session with an empty model. Gmsh is one global object, so sessions exclude each other.
+/// One Gmsh session with an empty model.
 class Session {
  public:
-  Session() : lock_(mutex()) {
+  Session() {
     gmsh::initialize(0, nullptr, false);
     gmsh::option::setNumber("General.Terminal", 0);
     gmsh::option::setNumber("General.NumThreads", 1);
@@ -44,18 +48,17 @@ class Session {
   }
   Session(const Session&) = delete;
   Session& operator=(const Session&) = delete;
-
- private:
-  static std::mutex& mutex() {
-    static std::mutex instance;
-    return instance;
-  }
-  std::lock_guard<std::mutex> lock_;
 };
+
+/// Gmsh is one global object, so sessions of this process exclude each other.
+std::mutex& gmsh_mutex() {
+  static std::mutex instance;
+  return instance;
+}
 
 /// Runs `work` in a session and turns what Gmsh throws into an InputError that begins with `what`.
 template <class Work>
-auto with_gmsh(Work&& work, const std::string& what = "Gmsh cannot mesh this geometry") {
+auto in_session(Work&& work, const std::string& what) {
   try {
     const Session session;
     return work();
@@ -68,6 +71,13 @@ auto with_gmsh(Work&& work, const std::string& what = "Gmsh cannot mesh this geo
   } catch (int code) {
     throw InputError(fmt::format("{}: error {}", what, code));
   }
+}
+
+/// The same, one at a time.
+template <class Work>
+Mesh with_gmsh(Work&& work) {
+  const std::lock_guard lock(gmsh_mutex());
+  return in_session(work, "Gmsh cannot mesh this geometry");
 }
 
 /// A path for a mesh, whose file goes with it.
@@ -132,6 +142,32 @@ void check_size(double size, int order, double cells) {
     throw InputError(
         fmt::format("mesh size {:.4g} mm would make about {:.1g} elements; choose a larger one", 1e3 * size, cells));
   }
+}
+
+/// Writes what is in a file as a mesh of format 4.1; see msh_text().
+void convert(const std::string& path, int dimension, const std::string& to) {
+  in_session(
+      [&] {
+        gmsh::open(path);
+        std::vector<int> types;
+        gmsh::model::mesh::getElementTypes(types, dimension);
+        if (types.empty()) {
+          gmsh::model::mesh::getElementTypes(types);
+          if (dimension == 3 && !types.empty()) enclose_surface();
+          gmsh::model::mesh::generate(dimension);
+        }
+        types.clear();
+        gmsh::model::mesh::getElementTypes(types, dimension);
+        if (types.empty())
+          throw InputError(fmt::format("{}: Gmsh finds no body of {} dimensions in it", path, dimension));
+        name_entities(dimension, dimension == 3 ? "volume" : "surface");
+        name_entities(dimension - 1, dimension == 3 ? "surface" : "curve");
+        gmsh::option::setNumber("Mesh.MshFileVersion", 4.1);
+        gmsh::option::setNumber("Mesh.Binary", 0);
+        gmsh::option::setNumber("Mesh.SaveAll", 0);
+        gmsh::write(to);
+      },
+      path + ": Gmsh cannot make a mesh of it");
 }
 
 /// Scales to O(1) numbers and back: Gmsh's tolerances are absolute.
@@ -393,30 +429,33 @@ Mesh mesh_boxes(const std::vector<BoxRegion>& boxes, double size, int order) {
 }
 
 std::string msh_text(const std::string& path, int dimension) {
-  return with_gmsh(
-      [&] {
-        gmsh::open(path);
-        std::vector<int> types;
-        gmsh::model::mesh::getElementTypes(types, dimension);
-        if (types.empty()) {
-          gmsh::model::mesh::getElementTypes(types);
-          if (dimension == 3 && !types.empty()) enclose_surface();
-          gmsh::model::mesh::generate(dimension);
-        }
-        types.clear();
-        gmsh::model::mesh::getElementTypes(types, dimension);
-        if (types.empty())
-          throw InputError(fmt::format("{}: Gmsh finds no body of {} dimensions in it", path, dimension));
-        name_entities(dimension, dimension == 3 ? "volume" : "surface");
-        name_entities(dimension - 1, dimension == 3 ? "surface" : "curve");
-        gmsh::option::setNumber("Mesh.MshFileVersion", 4.1);
-        gmsh::option::setNumber("Mesh.Binary", 0);
-        gmsh::option::setNumber("Mesh.SaveAll", 0);
-        const TemporaryMsh file;
-        gmsh::write(file.path());
-        return file.text();
-      },
-      path + ": Gmsh cannot make a mesh of it");
+  // In a process of its own: Gmsh's parsers may break down over what is no geometry, and print.
+  const TemporaryMsh file;
+  constexpr int refused = 2;
+  std::unique_lock lock(gmsh_mutex());  // nobody is in the middle of a session that the child would inherit
+  const pid_t child = fork();
+  if (child == 0) {
+    const int nowhere = open("/dev/null", O_WRONLY);
+    dup2(nowhere, STDOUT_FILENO);
+    dup2(nowhere, STDERR_FILENO);
+    int code = 0;
+    try {
+      convert(path, dimension, file.path());
+    } catch (const std::exception& error) {
+      std::ofstream(file.path()) << error.what();
+      code = refused;
+    }
+    _exit(code);
+  }
+  lock.unlock();
+  if (child < 0) throw InputError(fmt::format("{}: no process for Gmsh: {}", path, std::strerror(errno)));
+  int status = 0;
+  while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
+  }
+  std::string text = file.text();
+  if (WIFEXITED(status) && WEXITSTATUS(status) == 0) return text;
+  if (WIFEXITED(status) && WEXITSTATUS(status) == refused) throw InputError(text);
+  throw InputError(fmt::format("{}: Gmsh breaks down over it; open it in Gmsh itself, or save it as .msh there", path));
 }
 
 }  // namespace taut
