@@ -153,6 +153,15 @@ bool fits(const FitResult& fit) {
   return fit.chi_squared_p >= 0.05;
 }
 
+std::string but_unknown(const RunRecord& record, size_t j) {
+  std::string names;
+  for (const Share& share : record.shares) {
+    if (share.counted && !std::isfinite(share.bias[j]))
+      names += (names.empty() ? " but the " : ", the ") + share.source;
+  }
+  return names;
+}
+
 std::string limit_text(const RunRecord& record, size_t j) {
   const ParameterEstimate& e = record.fit.parameters[j];
   if (!std::isfinite(e.standard_error)) return "";
@@ -171,11 +180,10 @@ std::string limit_text(const RunRecord& record, size_t j) {
   const double noise = 1.96 * e.standard_error;
   std::string text;
   if (counted != nullptr && most(*counted) > noise) {
-    const char* remedy = counted->source == "mesh"            ? "refine the mesh"
-                         : counted->source == "contact gap"   ? "make contact_gap smaller"
-                         : counted->source == "plane section" ? "fit with model = \"solid\""
-                         : counted->source == "model" || counted->source == "rigid segments"
-                             ? "fit with model = \"full\""
+    const char* remedy = counted->source == "mesh"                                     ? "refine the mesh"
+                         : counted->source == "contact gap"                            ? "make contact_gap smaller"
+                         : counted->source == "plane section"                          ? "fit with model = \"solid\""
+                         : counted->source == "model" || counted->source == "rigidity" ? "fit with model = \"full\""
                          : counted->source.starts_with("scatter") ? "look for what differs from one to the next"
                                                                   : "measure it better";
     text = fmt::format("Limited by the {} ({}) rather than the noise: {}.", counted->source, size(*counted), remedy);

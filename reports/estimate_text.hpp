@@ -39,6 +39,9 @@ std::string robust_outliers(const RunRecord& record);
 bool can_judge(const FitResult& fit);
 /// "line 40 alone makes 98 % of chi squared: ..." when one reading makes more than half of it; else "".
 std::string outlier_text(const RunRecord& record);
+/// What the j-th parameter's interval in all is without, since nobody knows its share: " but the mesh, the model"; else
+/// "".
+std::string but_unknown(const RunRecord& record, size_t j);
 /// "Limited by the plane section (1.8 kPa) rather than the noise: ...", what would make the j-th parameter better
 /// known;
 /// "" where that is fewer errors in the readings, or nothing is known of shares.

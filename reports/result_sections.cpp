@@ -157,11 +157,13 @@ std::optional<Section> answer(const RunRecord& record) {
   for (const ParameterEstimate& estimate : fit.parameters) {
     const Shown shown(estimate);
     const bool in_all = estimate.total_lower95 || estimate.total_upper95;
-    out += paragraph(fmt::format("{} = {}, 95 % interval {}{}, {}.", estimate.spec.id, shown.with_unit(estimate.value),
-                                 in_all ? shown.total(estimate) : shown.interval(estimate),
-                                 in_all ? "" : " (noise alone)", name_of(estimate.verdict)),
-                     "number");
     const size_t j = static_cast<size_t>(&estimate - fit.parameters.data());
+    const std::string but = but_unknown(record, j);
+    const std::string of = !in_all ? " (noise alone)" : but.empty() ? "" : " (in all" + but + ": not known)";
+    out +=
+        paragraph(fmt::format("{} = {}, 95 % interval {}{}, {}.", estimate.spec.id, shown.with_unit(estimate.value),
+                              in_all ? shown.total(estimate) : shown.interval(estimate), of, name_of(estimate.verdict)),
+                  "number");
     if (const std::string limit = limit_text(record, j); !limit.empty()) out += paragraph(limit);
   }
   if (can_judge(fit) && fits(fit)) {

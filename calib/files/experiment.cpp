@@ -360,11 +360,20 @@ Experiment read_experiment(const std::string& path) {
   return read_with_readings(path, "");
 }
 
+namespace {
+
+/// What a mesh or geometry is called in a run's folder: its ending tells what it is.
+std::string mesh_copy(const std::string& mesh) {
+  return "mesh" + fs::path(mesh).extension().string();
+}
+
+}  // namespace
+
 std::vector<RunInput> inputs_of(const Experiment& experiment) {
   std::vector<RunInput> files{{experiment.path, "experiment.toml"}};
   Experiment own = experiment;
   for (const auto& [path, copy] : readings_of(own)) files.push_back({*path, copy});
-  if (const std::string mesh = input_file(experiment.geometry); !mesh.empty()) files.push_back({mesh, "mesh.msh"});
+  if (const std::string mesh = input_file(experiment.geometry); !mesh.empty()) files.push_back({mesh, mesh_copy(mesh)});
   return files;
 }
 
@@ -372,7 +381,8 @@ Experiment read_copies(const std::string& folder) {
   const auto in_folder = [&](const std::string& name) { return (fs::path(folder) / name).string(); };
   Experiment experiment = read_with_readings(in_folder("experiment.toml"), in_folder("data.csv"));
   for (const auto& [path, copy] : readings_of(experiment)) *path = in_folder(copy);
-  if (!input_file(experiment.geometry).empty()) set_input_file(experiment.geometry, in_folder("mesh.msh"));
+  if (const std::string mesh = input_file(experiment.geometry); !mesh.empty())
+    set_input_file(experiment.geometry, in_folder(mesh_copy(mesh)));
   return experiment;
 }
 

@@ -240,7 +240,11 @@ class Run {
       if (auto share = section_share(experiment, trials, record_.fit, events_.show, ask)) shares.push_back(*share);
     } else {
       shares.push_back(model_share(bench_, record_.fit, ask));
-      experiment.model = Rung::full;  // has every number that was taken for granted, near enough
+      const bool beams = experiment.model == Rung::beam;  // "auto" looks at the section itself
+      experiment.model = Rung::full;                      // has every number that was taken for granted, near enough
+      if (beams) {
+        if (auto share = section_share(experiment, trials, record_.fit, events_.show, ask)) shares.push_back(*share);
+      }
     }
     for (Share& share : assumption_shares(experiment, trials, record_.fit, events_.show, ask))
       shares.push_back(std::move(share));

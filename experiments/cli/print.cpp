@@ -61,14 +61,16 @@ void print_parameter(const RunRecord& record, size_t j) {
   std::string shares, biases;
   for (const Share& share : record.shares) {
     const double most = std::abs(share.bias[j]) + (std::isfinite(share.error[j]) ? share.error[j] : 0);
-    if (most <= 1e-3 * e.standard_error || (!share.counted && std::isfinite(most))) continue;
+    if (!std::isfinite(e.standard_error) || most <= 1e-3 * e.standard_error || (!share.counted && std::isfinite(most)))
+      continue;
     shares += fmt::format(" +- {} ({})", std::isfinite(most) ? bare_beside(e.value, most, e.spec.unit) : "unknown",
                           share.source);
     biases += fmt::format("  {}\n", describe(share, e, j));
   }
   const std::string total =
       e.total_lower95 || e.total_upper95
-          ? fmt::format("95 % interval {} in all, ", interval_text(e, e.total_lower95, e.total_upper95))
+          ? fmt::format("95 % interval {} in all{}, ", interval_text(e, e.total_lower95, e.total_upper95),
+                        but_unknown(record, j))
           : "95 % interval ";
   const std::string limit = limit_text(record, j);
   fmt::print("{} = {} +- {} (noise){}, {}{} of the noise: {}\n  {}\n{}{}{}", e.spec.id, with_unit(e.value, e.spec.unit),

@@ -106,7 +106,7 @@ class TemporaryMsh {
 /// Makes the volume that a triangulated surface encloses.
 void enclose_surface() {
   constexpr double sharp = 40 * M_PI / 180;  // edges between faces
-  gmsh::model::mesh::classifySurfaces(sharp, true, true, M_PI);
+  gmsh::model::mesh::classifySurfaces(sharp, true, false, M_PI);
   gmsh::model::mesh::createGeometry();
   gmsh::vectorpair faces;
   gmsh::model::getEntities(faces, 2);
@@ -127,6 +127,7 @@ void name_entities(int dimension, const std::string& kind) {
     std::string name;
     gmsh::model::getEntityName(d, number, name);
     if (const size_t slash = name.rfind('/'); slash != std::string::npos) name = name.substr(slash + 1);
+    if (name.starts_with("Open CASCADE STEP translator")) name.clear();  // what stands there for no name
     if (name.empty()) name = fmt::format("{}_{}", kind, number);
     gmsh::model::setPhysicalName(d, gmsh::model::addPhysicalGroup(d, {number}), name);
   }
@@ -158,8 +159,11 @@ void convert(const std::string& path, int dimension, const std::string& to) {
         }
         types.clear();
         gmsh::model::mesh::getElementTypes(types, dimension);
-        if (types.empty())
-          throw InputError(fmt::format("{}: Gmsh finds no body of {} dimensions in it", path, dimension));
+        if (types.empty()) {
+          const bool plane = gmsh::model::getDimension() == 2;
+          throw InputError(fmt::format("{}: Gmsh finds no body of {} dimensions in it{}", path, dimension,
+                                       plane ? "; set dimension = 2" : ""));
+        }
         name_entities(dimension, dimension == 3 ? "volume" : "surface");
         name_entities(dimension - 1, dimension == 3 ? "surface" : "curve");
         gmsh::option::setNumber("Mesh.MshFileVersion", 4.1);
@@ -167,7 +171,8 @@ void convert(const std::string& path, int dimension, const std::string& to) {
         gmsh::option::setNumber("Mesh.SaveAll", 0);
         gmsh::write(to);
       },
-      path + ": Gmsh cannot make a mesh of it");
+      path + (path.ends_with(".stl") ? ": Gmsh cannot fill this surface; it has to be closed"
+                                     : ": Gmsh cannot make a mesh of it"));
 }
 
 /// Scales to O(1) numbers and back: Gmsh's tolerances are absolute.

@@ -311,7 +311,7 @@ TEST_F(Assumptions, WhatRigidSegmentsLeaveOutIsTheComplianceInSeries) {
   const FitResult result = fitted(*bench);
   EXPECT_NEAR(result.parameters[0].value, 0.01 / compliance, 1e-3 * E);
   const std::vector<Share> shares = discretisation_shares(bench->experiment(), *bench->trials_at_rest(), result);
-  ASSERT_EQ(shares.back().source, "rigid segments");
+  ASSERT_EQ(shares.back().source, "rigidity");
   const double bias = 0.01 / compliance - E;
   EXPECT_LT(bias, -0.03 * E);
   EXPECT_NEAR(shares.back().bias[0], bias, 0.03 * std::abs(bias)) << shares.back().how;

@@ -433,6 +433,16 @@ $EndElements
   EXPECT_EQ(make_mesh(experiment, experiment.mesh).node_count(), 6);
 }
 
+TEST_F(ExperimentFile, ARunsCopyOfItsGeometryKeepsTheEndingThatTellsWhatItIs) {
+  Experiment experiment;
+  MeshFile bar;
+  for (const auto& [file, copy] : {std::pair{"part.step", "mesh.step"}, {"bar.msh", "mesh.msh"}}) {
+    bar.file.path = file;
+    experiment.geometry.shape = std::make_shared<MeshFile>(bar);
+    EXPECT_EQ(inputs_of(experiment).back().copy, copy);
+  }
+}
+
 TEST_F(ExperimentFile, LoadsForFiguresAreInNewtons) {
   Experiment experiment;
   experiment.gravity = 10;
