@@ -434,13 +434,20 @@ $EndElements
 }
 
 TEST_F(ExperimentFile, ARunsCopyOfItsGeometryKeepsTheEndingThatTellsWhatItIs) {
-  Experiment experiment;
-  MeshFile bar;
-  for (const auto& [file, copy] : {std::pair{"part.step", "mesh.step"}, {"bar.msh", "mesh.msh"}}) {
-    bar.file.path = file;
-    experiment.geometry.shape = std::make_shared<MeshFile>(bar);
-    EXPECT_EQ(inputs_of(experiment).back().copy, copy);
-  }
+  folder_.write("bar.msh", halves_msh);
+  Experiment experiment = experiment_in(
+      folder_,
+      replaced(
+          bar("[geometry]\nkind = \"msh\"\nfile = \"bar.msh\"\nunit = \"mm\"\ndimension = 2\nthickness = \"20 mm\"\n"
+              "plane = \"stress\"\n",
+              "",
+              material("left", "100 kPa", "0.0") + material("right", "300 kPa", "0.0") +
+                  "[[support]]\non = \"xmin\"\nfix = [\"x\", \"y\"]\n"),
+          "pull_N", "pull_kPa"),
+      "pull_kPa,end_um\n0.01,1\n");
+  EXPECT_EQ(inputs_of(experiment).back().copy, "mesh.msh");
+  set_input_file(experiment.geometry, "part.step");
+  EXPECT_EQ(inputs_of(experiment).back().copy, "mesh.step");
 }
 
 TEST_F(ExperimentFile, LoadsForFiguresAreInNewtons) {
