@@ -154,12 +154,8 @@ bool fits(const FitResult& fit) {
 }
 
 std::string but_unknown(const RunRecord& record, size_t j) {
-  std::string names;
-  for (const Share& share : record.shares) {
-    if (share.counted && !std::isfinite(share.bias[j]))
-      names += (names.empty() ? " but the " : ", the ") + share.source;
-  }
-  return names;
+  const TotalInterval total = total_interval(record.fit.parameters[j], record.shares, j);
+  return total.without.empty() ? "" : " but the " + join(total.without, ", the ");
 }
 
 std::string limit_text(const RunRecord& record, size_t j) {

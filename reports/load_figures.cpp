@@ -465,8 +465,8 @@ std::optional<Drawing> effective_stiffness(const RunRecord& record) {
               increments ? "Effective stiffness: force per increment beyond self-weight"
                          : "Effective stiffness: force per displacement");
 
-  // One common axis; a long bar of one poor reading does not squeeze the rest. Where no reading is better, arrows make
-  // it.
+  // One common axis; a long bar of one poor reading does not squeeze the rest. Where no reading is
+  // better, the arrows make it.
   if (numbers.centres.empty()) {
     for (const Stiffness& row : rows) {
       for (const std::vector<double>& point : row.at_least) numbers.centres.push_back(point[1]);
@@ -476,9 +476,9 @@ std::optional<Drawing> effective_stiffness(const RunRecord& record) {
   const auto [low, high] = std::ranges::minmax(numbers.centres);
   const double room = std::max(0.5 * (high - low), 0.02 * std::max(std::abs(low), std::abs(high)));
   const bool logarithmic = low > 0 && high / low > 8;
-  const auto arrow_from = [&](double k) { return logarithmic ? 1.15 * k : k + 0.08 * (high - low + room); };
+  const auto arrow_tip = [&](double k) { return logarithmic ? 1.15 * k : k + 0.08 * (high - low + room); };
   for (const Stiffness& row : rows) {
-    for (const std::vector<double>& point : row.at_least) numbers.reach.push_back(arrow_from(point[1]));
+    for (const std::vector<double>& point : row.at_least) numbers.reach.push_back(arrow_tip(point[1]));
   }
   for (double& value : numbers.reach) {
     value = std::clamp(value, low - room, high + room);
@@ -492,7 +492,7 @@ std::optional<Drawing> effective_stiffness(const RunRecord& record) {
     add_points(sheet.page, record, groups, group, rows[g].points, "yerrorbars", sheet.points[group.panel]);
     Rows arrows;
     for (const std::vector<double>& point : rows[g].at_least)
-      arrows.push_back({point[0], point[1], arrow_from(point[1]) - point[1]});
+      arrows.push_back({point[0], point[1], arrow_tip(point[1]) - point[1]});
     sheet.page.add(sheet.points[group.panel], arrows, "vectors filled lw 1.4", group.colour, "1:2:(0):3");
     rows[g].band.draw(sheet.page, group.colour, curves);
     if (record.trend_degree > 0)

@@ -354,20 +354,16 @@ Experiment read_with_readings(const std::string& path, std::string readings) {
   return experiment;
 }
 
-}  // namespace
-
-Experiment read_experiment(const std::string& path) {
-  return read_with_readings(path, "");
-}
-
-namespace {
-
 /// What a mesh or geometry is called in a run's folder: its ending tells what it is.
 std::string mesh_copy(const std::string& mesh) {
   return "mesh" + fs::path(mesh).extension().string();
 }
 
 }  // namespace
+
+Experiment read_experiment(const std::string& path) {
+  return read_with_readings(path, "");
+}
 
 std::vector<RunInput> inputs_of(const Experiment& experiment) {
   std::vector<RunInput> files{{experiment.path, "experiment.toml"}};

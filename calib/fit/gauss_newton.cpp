@@ -14,6 +14,12 @@ double scale_of(const FreeParameter& parameter, const ParameterTable& table, con
   return std::isfinite(range) ? range : std::max(std::abs(value), 1e-12);
 }
 
+std::vector<FreeParameter> free_at(const FitResult& fit, const ParameterTable& table) {
+  std::vector<FreeParameter> free;
+  for (const ParameterEstimate& e : fit.parameters) free.push_back({table.index(e.spec.id), e.value, e.lower, e.upper});
+  return free;
+}
+
 Eigen::VectorXd gauss_newton_step(const Prediction& prediction, const std::vector<Measurement>& measurements,
                                   const ParameterTable& table, const Params& p,
                                   const std::vector<FreeParameter>& free) {

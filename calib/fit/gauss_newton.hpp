@@ -8,6 +8,9 @@ namespace taut {
 /// What changes of a free parameter are relative to: its value if it is logarithmic, else its range.
 double scale_of(const FreeParameter& parameter, const ParameterTable& table, const Params& p);
 
+/// The parameters that were fitted, as free ones of another table that has them too, from where the fit ended.
+std::vector<FreeParameter> free_at(const FitResult& fit, const ParameterTable& table);
+
 /// One Gauss-Newton step of a fit's weighted least squares from the parameters `p`, at which `prediction` holds values
 /// and derivatives: what fit() would find with this model, to first order in 1/E for logarithmic parameters (in which
 /// displacements of a linear solid are linear), within the bounds of `free`, by at most a factor of three. Parameters

@@ -50,8 +50,7 @@ std::vector<Share> assumption_shares(const Experiment& experiment, const Trials&
   const ParameterTable& table = protocol.parameters();
   const Params p = protocol.values_of(fit);
   const std::vector<Assumption> assumptions = assumptions_of(experiment, table, p, protocol.dimensions());
-  std::vector<FreeParameter> free;
-  for (const ParameterEstimate& e : fit.parameters) free.push_back({table.index(e.spec.id), e.value, e.lower, e.upper});
+  const std::vector<FreeParameter> free = free_at(fit, table);
   std::vector<int> asked = indices_of(free);
   for (const Assumption& assumption : assumptions) asked.push_back(table.index(assumption.id));
   const Prediction whole = ask ? ask(protocol, p, asked) : protocol.predict(p, asked);
@@ -97,8 +96,7 @@ std::vector<Share> assumption_shares(const Experiment& experiment, const Trials&
 Share model_share(const Bench& bench, const FitResult& fit, const Ask& ask) {
   const Stopwatch watch;
   const ParameterTable& table = bench.protocol().parameters();
-  std::vector<FreeParameter> free;
-  for (const ParameterEstimate& e : fit.parameters) free.push_back({table.index(e.spec.id), e.value, e.lower, e.upper});
+  const std::vector<FreeParameter> free = free_at(fit, table);
   const std::vector<int> columns = indices_of(free);
   const Prediction own = ask ? ask(bench.protocol(), fit.p, columns) : bench.protocol().predict(fit.p, columns);
   Share share;

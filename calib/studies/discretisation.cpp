@@ -86,9 +86,7 @@ struct Fitted {
     DimensionedProtocol protocol(with, trials, free_dimensions(with));
     if (!protocol.left_out().empty()) return {{}, protocol.left_out().front()};
     const ParameterTable& table = protocol.parameters();
-    std::vector<FreeParameter> free;
-    for (const ParameterEstimate& e : fit.parameters)
-      free.push_back({table.index(e.spec.id), e.value, e.lower, e.upper});
+    const std::vector<FreeParameter> free = free_at(fit, table);
     Params p = protocol.nominal();  // by ids: a solid has no thickness among its parameters
     for (const FreeParameter& parameter : free) p[parameter.index] = parameter.start;
     const Prediction prediction = ask ? ask(protocol, p, indices_of(free)) : protocol.predict(p, indices_of(free));
