@@ -24,14 +24,21 @@ namespace {
 using Number = std::int64_t;
 using EntityKey = std::pair<int, Number>;  ///< dimension and number: of a geometrical entity or a physical group
 
-/// The lines of a file, split into words. Every error carries path and line.
+/// The lines of a file, or of the text that Gmsh made of it, split into words. Every error carries the path, and the
+/// line where that can be looked up.
 class Lines {
  public:
-  Lines(const std::string& path, std::unique_ptr<std::istream> file) : path_(path), file_(std::move(file)) {}
+  Lines(const std::string& path, std::unique_ptr<std::istream> file, bool made_by_gmsh)
+      : path_(path), file_(std::move(file)), made_by_gmsh_(made_by_gmsh) {}
 
   [[noreturn]] void fail(const std::string& what) const { fail_at(line_, what); }
   [[noreturn]] void fail_at(Number line, const std::string& what) const {
-    throw InputError(fmt::format("{}:{}: {}", path_, line, what));
+    throw InputError(made_by_gmsh_ ? fmt::format("{}: as a mesh: {}", path_, what)
+                                   : fmt::format("{}:{}: {}", path_, line, what));
+  }
+  /// "the element on line 12", where that can be looked up.
+  std::string element_at(Number line) const {
+    return made_by_gmsh_ ? "another element" : fmt::format("the element on line {}", line);
   }
 
   /// Moves to the next line that is not blank; false at the end of the file.
@@ -112,6 +119,7 @@ class Lines {
 
   std::string path_;
   std::unique_ptr<std::istream> file_;
+  bool made_by_gmsh_;
   std::string text_;
   std::vector<std::string_view> words_;
   Number line_ = 0;
@@ -147,8 +155,8 @@ struct FileElement {
 
 class MshReader {
  public:
-  MshReader(const std::string& path, std::unique_ptr<std::istream> file, double unit)
-      : lines_(path, std::move(file)), unit_(unit) {}
+  MshReader(const std::string& path, std::unique_ptr<std::istream> file, bool made_by_gmsh, double unit)
+      : lines_(path, std::move(file), made_by_gmsh), unit_(unit) {}
 
   Mesh read() {
     while (lines_.next()) read_section();
@@ -429,7 +437,7 @@ class MshReader {
             fmt::format("element {} {}; every element belongs to one region only", element.number,
                         is_new ? fmt::format("is in the physical groups '{}' and '{}'",
                                              name_of_group(d, element.groups[0]), name_of_group(d, element.groups[1]))
-                               : fmt::format("has the vertices of the element on line {}", first->second->line)));
+                               : "has the vertices of " + lines_.element_at(first->second->line)));
       }
       for (Number node : element.nodes) mesh.elements.push_back(mesh_number_[node_index(element, node)]);
       mesh.region.push_back(mesh.region_index(region));
@@ -518,11 +526,9 @@ Mesh read_msh(const std::string& path, double unit, int dimension) {
   auto file = std::make_unique<std::ifstream>(path);
   if (!*file) throw InputError(fmt::format("{}: cannot be opened; check the path", path));
   if (is_for_gmsh(path)) {
-    return MshReader(path + " (as Gmsh writes it)", std::make_unique<std::istringstream>(msh_text(path, dimension)),
-                     unit)
-        .read();
+    return MshReader(path, std::make_unique<std::istringstream>(msh_text(path, dimension)), true, unit).read();
   }
-  return MshReader(path, std::move(file), unit).read();
+  return MshReader(path, std::move(file), false, unit).read();
 }
 
 }  // namespace taut
