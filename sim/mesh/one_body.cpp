@@ -10,6 +10,7 @@
 #include <map>
 #include <numeric>
 #include <optional>
+#include <set>
 
 #include "sim/core/box_tree.hpp"
 #include "sim/core/error.hpp"
@@ -354,6 +355,80 @@ std::vector<std::string> oddities(const Mesh& mesh, std::string_view where) {
     found.push_back(
         fmt::format("{}: the mesh is {:.3g} mm from corner to corner: is `unit` right?", where, 1e3 * size));
   return found;
+}
+
+namespace {
+
+/// Unit normal of a straight facet.
+Place3 normal_of(const Mesh& mesh, const int* facet) {
+  const Place3 along = place_of(mesh, facet[1]) - place_of(mesh, facet[0]);
+  if (mesh.dimension() == 2) return Place3(along[1], -along[0], 0).normalized();
+  return along.cross(place_of(mesh, facet[2]) - place_of(mesh, facet[0])).normalized();
+}
+
+/// Where two boundary facets meet, and by how much the surface turns there [rad].
+struct Turn {
+  int a, b, node;
+  double angle;
+};
+
+std::vector<Turn> turns_of(const Mesh& mesh, const Tag& outside) {
+  std::map<std::vector<int>, std::vector<int>> meeting;  // ends or edges of facets
+  const int corners = mesh.dimension();
+  for (int f = 0; f < outside.count(); ++f) {
+    for (int left_out = 0; left_out < corners; ++left_out) {
+      std::vector<int> shared;
+      for (int i = 0; i < corners; ++i) {
+        if (i != left_out) shared.push_back(outside.entity(f)[i]);
+      }
+      std::ranges::sort(shared);
+      meeting[shared].push_back(f);
+    }
+  }
+  std::vector<Turn> turns;
+  for (const auto& [shared, facets] : meeting) {
+    if (facets.size() != 2) continue;
+    const Place3 a = normal_of(mesh, outside.entity(facets[0])), b = normal_of(mesh, outside.entity(facets[1]));
+    turns.push_back({facets[0], facets[1], shared.front(), std::atan2(a.cross(b).norm(), a.dot(b))});
+  }
+  return turns;
+}
+
+}  // namespace
+
+std::string straight_chords(const Mesh& linear, std::string_view where) {
+  constexpr double degree = M_PI / 180, straight = 3 * degree, corner = 44.5 * degree;
+  const Tag outside = boundary(linear);
+  const std::vector<Turn> turns = turns_of(linear, outside);
+  Sets sides(outside.count());  // facets in one plane, or nearly
+  for (const Turn& turn : turns) {
+    if (turn.angle < straight) sides.join(turn.a, turn.b);
+  }
+  std::map<int, std::set<int>> beside;  // by small turns
+  const auto small = [&](const Turn& turn) { return turn.angle >= straight && turn.angle < corner; };
+  for (const Turn& turn : turns) {
+    const int a = sides.root(turn.a), b = sides.root(turn.b);
+    if (!small(turn) || a == b) continue;
+    beside[a].insert(b);
+    beside[b].insert(a);
+  }
+  // A chamfer is one side between two small turns; a curve has several in a row.
+  const auto of_curve = [&](int side) { return beside.contains(side) && beside.at(side).size() > 1; };
+  const auto count = std::ranges::count_if(beside, [&](const auto& entry) { return of_curve(entry.first); });
+  if (count < 2) return "";
+  const Turn* widest = nullptr;
+  for (const Turn& turn : turns) {
+    const bool counts = small(turn) && of_curve(sides.root(turn.a)) && of_curve(sides.root(turn.b));
+    if (counts && (widest == nullptr || turn.angle > widest->angle)) widest = &turn;
+  }
+  if (widest == nullptr) return "";
+  return fmt::format(
+      "{}: its linear elements become quadratic ones with straight sides, and {} flat pieces of its boundary turn by "
+      "up "
+      "to {:.0f} degrees from one to the next (at {}), as chords of a curve do; where the specimen is round there, "
+      "save "
+      "the mesh with elements of second order (Mesh.ElementOrder = 2 in the .geo)",
+      where, count, widest->angle / degree, in_millimetres(linear.node(widest->node)));
 }
 
 }  // namespace taut

@@ -21,4 +21,8 @@ void check_one_body(const Mesh& mesh, std::string_view where, bool separate);
 /// size that tells of a wrong unit. `where` starts each.
 std::vector<std::string> oddities(const Mesh& mesh, std::string_view where);
 
+/// Whether a mesh of linear elements, to become quadratic ones with straight sides, has a boundary that is made of
+/// chords: sides one after the other that turn by 3 to 45 degrees on more than one hand. One sentence, or "".
+std::string straight_chords(const Mesh& linear, std::string_view where);
+
 }  // namespace taut

@@ -29,7 +29,10 @@ Mesh MeshFile::mesh(const MeshSettings& settings, bool, bool) const {
   }
   check_one_body(mesh, file.path, bodies == "separate");
   for (std::string& oddity : oddities(mesh, file.path)) mesh.remarks.push_back(std::move(oddity));
-  if (settings.order == 2 && order_of(mesh.shape) == 1) return to_quadratic(mesh);
+  if (settings.order == 2 && order_of(mesh.shape) == 1) {
+    if (std::string chords = straight_chords(mesh, file.path); !chords.empty()) mesh.remarks.push_back(chords);
+    return to_quadratic(mesh);
+  }
   if (settings.order == 1 && order_of(mesh.shape) == 2)
     throw InputError(fmt::format("{} has quadratic elements; set element = \"quadratic\"", file.path));
   return mesh;

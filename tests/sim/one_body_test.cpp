@@ -2,6 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
+#include <cmath>
+
+#include "sim/mesh/extrude.hpp"
 #include "sim/mesh/structured.hpp"
 #include "tests/support/message.hpp"
 
@@ -161,6 +165,36 @@ TEST(OneBody, OdditiesAreSaidWithTheirPlace) {
   EXPECT_TRUE(oddities(rectangle({0, 1e-2, 1}, graded(1, 1), 1, "foam"), "file.msh").empty());
   expect_said(welded(beside(plate(2), plate(2), Eigen::Vector2d(0.04, 0.01))), {"meet at (40, 10) mm in a point only"});
   expect_said(rectangle(graded(40, 4), graded(10, 2), 1, "foam"), {"4.12e+04 mm", "is `unit` right?"});
+}
+
+/// A convex polygon around the origin, as triangles from there.
+Mesh polygon(const std::vector<std::array<double, 2>>& corners) {
+  Mesh mesh;
+  const int count = static_cast<int>(corners.size());
+  mesh.X.resize(2 * (count + 1));
+  mesh.X.tail(2).setZero();
+  for (int i = 0; i < count; ++i) {
+    mesh.X.segment(2 * i, 2) << corners[static_cast<size_t>(i)][0], corners[static_cast<size_t>(i)][1];
+    mesh.elements.insert(mesh.elements.end(), {count, i, (i + 1) % count});
+  }
+  mesh.region.assign(corners.size(), mesh.add_region("foam"));
+  return mesh;
+}
+Mesh regular(int count) {
+  std::vector<std::array<double, 2>> corners;
+  for (int i = 0; i < count; ++i) corners.push_back({std::cos(2 * M_PI * i / count), std::sin(2 * M_PI * i / count)});
+  return polygon(corners);
+}
+
+TEST(OneBody, ChordsOfACurveAreToldFromEdges) {
+  for (const Mesh& mesh : {regular(12), extrude(regular(12), 0.5, 2)}) {
+    const std::string said = straight_chords(mesh, "file.msh");
+    for (const char* part : {"file.msh: ", "12 flat pieces", "by up to 30 degrees", "Mesh.ElementOrder = 2"})
+      EXPECT_NE(said.find(part), std::string::npos) << part << " is not in: " << said;
+  }
+  for (int corners : {3, 4, 6, 8, 200}) EXPECT_EQ(straight_chords(regular(corners), "file.msh"), "") << corners;
+  // An edge that is cut off under 30 degrees is no curve.
+  EXPECT_EQ(straight_chords(polygon({{-2, -1}, {2, -1}, {2, 0.4226}, {1, 1}, {-2, 1}}), "file.msh"), "");
 }
 
 }  // namespace
