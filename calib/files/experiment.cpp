@@ -10,6 +10,7 @@
 #include "sim/core/error.hpp"
 #include "sim/files/geometry_file.hpp"
 #include "sim/files/tables.hpp"
+#include "sim/mesh/geo_file.hpp"
 #include "sim/scene/channel_kinds.hpp"
 
 namespace taut {
@@ -369,7 +370,22 @@ std::vector<RunInput> inputs_of(const Experiment& experiment) {
   std::vector<RunInput> files{{experiment.path, "experiment.toml"}};
   Experiment own = experiment;
   for (const auto& [path, copy] : readings_of(own)) files.push_back({*path, copy});
-  if (const std::string mesh = input_file(experiment.geometry); !mesh.empty()) files.push_back({mesh, mesh_copy(mesh)});
+  const std::string mesh = input_file(experiment.geometry);
+  if (mesh.empty()) return files;
+  files.push_back({mesh, mesh_copy(mesh)});
+  // What it takes in lies beside the copy as it lies beside the file.
+  for (const std::string& merged : merged_files(mesh)) {
+    if (fs::path(merged).is_absolute()) continue;  // is found from anywhere
+    const bool below = *fs::path(merged).begin() != "..";
+    const bool free = std::ranges::find(files, merged, &RunInput::copy) == files.end();
+    if (!below || !free)
+      throw InputError(fmt::format(
+          "{}: it takes in '{}', which {}, so that the run could not be predicted from later; {}, or save the mesh as "
+          ".msh and fit with that",
+          mesh, merged, below ? "has the name of another copy in the run's folder" : "does not lie beside or below it",
+          below ? "rename it" : "put it there, name it by its whole path"));
+    files.push_back({(fs::path(mesh).parent_path() / merged).string(), merged});
+  }
   return files;
 }
 

@@ -91,6 +91,7 @@ Provenance provenance_of(const CommandOptions& options, const Bench& bench) {
 void copy_inputs(const std::vector<InputRecord>& inputs, const std::string& folder) {
   for (const InputRecord& input : inputs) {
     const std::string copy = (fs::path(folder) / input.copy).string();
+    fs::create_directories(fs::path(copy).parent_path());
     write_file(copy, read_file(input.path));
     if (sha256_of(copy) != input.sha256)
       throw InputError(

@@ -2,8 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include <filesystem>
+
+#include "sim/mesh/gmsh.hpp"
 #include "sim/shapes/grid.hpp"
 #include "sim/shapes/mesh_file.hpp"
+#include "tests/support/mesh_checks.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/static_bench.hpp"
 
@@ -450,6 +454,37 @@ TEST_F(ExperimentFile, ARunsCopyOfItsGeometryKeepsTheEndingThatTellsWhatItIs) {
   EXPECT_EQ(inputs_of(experiment).back().copy, "mesh.step");
 }
 
+TEST_F(ExperimentFile, ARunsCopyOfAGeometryBringsWhatThatTakesIn) {
+  if (!has_gmsh()) GTEST_SKIP() << "reads a .geo";
+  namespace fs = std::filesystem;
+  fs::create_directories(folder_ / "parts");
+  fs::create_directories(folder_ / "run");
+  folder_.write("parts/bar.geo",
+                "SetFactory(\"OpenCASCADE\");\nRectangle(1) = {0, 0, 0, 60, 12};\nMesh.MeshSizeMax = 6;\n"
+                "Physical Surface(\"bar\") = {1};\nPhysical Curve(\"xmin\") = {4};\nPhysical Curve(\"xmax\") = {2};\n");
+  folder_.write("outline.geo", "Merge \"parts/bar.geo\";\n");
+  const std::string toml =
+      bar("[geometry]\nkind = \"msh\"\nfile = \"outline.geo\"\nunit = \"mm\"\ndimension = 2\nthickness = \"20 mm\"\n", "",
+          material("bar", "100 kPa", "0.0") + "[[support]]\non = \"xmin\"\nfix = [\"x\", \"y\"]\n");
+  const Experiment experiment = experiment_in(folder_, toml, bar_csv);
+  const std::vector<RunInput> inputs = inputs_of(experiment);
+  EXPECT_EQ(inputs.back().copy, "parts/bar.geo");
+  for (const RunInput& input : inputs) {
+    const fs::path copy = fs::path(folder_ / "run") / input.copy;
+    fs::create_directories(copy.parent_path());
+    fs::copy_file(input.path, copy);
+  }
+  fs::remove_all(folder_ / "parts");
+  fs::remove(folder_ / "outline.geo");
+  const Experiment later = read_copies(folder_ / "run");
+  EXPECT_NEAR(total_measure(make_mesh(later, later.mesh)), 0.06 * 0.012, 1e-12);
+
+  fs::create_directories(folder_ / "sub");
+  folder_.write("sub/outline.geo", "Merge \"../run/parts/bar.geo\";\n");
+  expect_input_error(
+      [&] { inputs_of(experiment_in(folder_, replaced(toml, "outline.geo", "sub/outline.geo"), bar_csv)); },
+      {"sub/outline.geo: it takes in '../run/parts/bar.geo', which does not lie beside or below it", ".msh"});
+}
 TEST_F(ExperimentFile, LoadsForFiguresAreInNewtons) {
   Experiment experiment;
   experiment.gravity = 10;

@@ -10,7 +10,9 @@
 #define TAUT_TEST_WRITES_MSH 1
 #endif
 
+#include "sim/mesh/geo_file.hpp"
 #include "sim/mesh/mesh.hpp"
+#include "sim/shapes/mesh_file.hpp"
 #include "tests/support/mesh_checks.hpp"
 #include "tests/support/message.hpp"
 
@@ -412,6 +414,61 @@ TEST(MshFile, WhatIsLeftOutOrTurnedIsSaid) {
   text = replaced(text, "5 2 2 8 2 1 4 30\n", "5 2 2 8 2 4 1 30\n");
   EXPECT_TRUE(read_text(text).remarks.empty()) << all_of(read_text(text));
 }
+
+#if TAUT_HAS_GMSH
+TEST(MshFile, WhatIsWrongWithAGeometryNamesNoLineOfAMeshThatNobodyHas) {
+  const TemporaryFile file(
+      "Point(1) = {0, 0, 0, 1}; Point(2) = {1, 0, 0, 1}; Point(3) = {0, 1, 1, 1};\n"
+      "Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 1};\nCurve Loop(1) = {1, 2, 3}; Plane Surface(1) = {1};\n",
+      ".geo");
+  expect_input_error([&] { read_msh(file.path(), 1, 2); }, {file.path() + ": as a mesh: triangles only, but z varies"});
+}
+
+TEST(MshFile, AFilesChordsAreSaidWhereTheyBecomeQuadraticAndNotWhereTheyAreCurves) {
+  const std::string disc =
+      "SetFactory(\"OpenCASCADE\");\nDisk(1) = {0, 0, 0, 1};\nMesh.MeshSizeMax = 0.57;\nMesh.MeshSizeMin = 0.57;\n";
+  const auto mesh_of = [](const std::string& path) {
+    MeshFile shape;
+    shape.file.path = path;
+    shape.unit.metres = 1;
+    shape.axes = 2;
+    MeshSettings settings;
+    settings.order = 2;
+    return shape.mesh(settings, false, false);
+  };
+  const TemporaryFile straight(disc, ".geo"), curved(disc + "Mesh.ElementOrder = 2;\n", ".geo");
+  const Mesh chords = mesh_of(straight.path()), arcs = mesh_of(curved.path());
+  EXPECT_EQ(count_of(chords, "chords of a curve"), 1) << all_of(chords);
+  EXPECT_EQ(count_of(arcs, "chords of a curve"), 0) << all_of(arcs);
+  const auto rim = [](const Mesh& mesh) {  // the mid-nodes of the outline
+    double least = 1;
+    const Tag outline = boundary(mesh);
+    for (int i = 0; i < outline.count(); ++i) least = std::min(least, mesh.node(outline.entity(i)[2]).norm());
+    return least;
+  };
+  EXPECT_NEAR(rim(arcs), 1, 1e-3);
+  EXPECT_LT(rim(chords), 0.97);
+}
+
+TEST(MshFile, WhatAGeometryTakesInIsKnownByItsPlaceBesideIt) {
+  namespace fs = std::filesystem;
+  const fs::path folder = fs::path(testing::TempDir()) / "taut_taken_in";
+  fs::create_directories(folder / "parts");
+  const auto write = [&](const std::string& name, const std::string& text) { std::ofstream(folder / name) << text; };
+  write("plate.geo",
+        "// Merge \"never.step\";\nMerge \"parts/a.geo\"; /* Include \"no.geo\" */\nv() = ShapeFromFile(\"b.step\");\n"
+        "Mesh.Merge = 1; Printf(\"Merge \\n\");\nMerge \"missing.stl\";\n");
+  write("parts/a.geo", "Include \"sizes.geo\"\nMerge \"../b.step\";\n");
+  write("parts/sizes.geo", "h = 1;\n");
+  write("b.step", "");
+  EXPECT_EQ(merged_files((folder / "plate.geo").string()),
+            (std::vector<std::string>{"parts/a.geo", "parts/sizes.geo", "b.step"}));
+  EXPECT_TRUE(merged_files((folder / "b.step").string()).empty());
+  write("computed.geo", "h = 1;\nMerge StrCat(\"b\", \".step\");\n");
+  expect_input_error([&] { merged_files((folder / "computed.geo").string()); }, {"computed.geo:2:", "computed"});
+  fs::remove_all(folder);
+}
+#endif
 
 }  // namespace
 }  // namespace taut
