@@ -72,7 +72,28 @@ InputError unknown_parameter(const Experiment& experiment, const Protocol& proto
                                 lengths.empty() ? "" : "; lengths that may be fitted: " + join(lengths)));
 }
 
+/// A constant of a region that is rigid by the file's own wish changes nothing.
+void refuse_rigid(const Experiment& experiment, const std::string& id) {
+  if (experiment.model != Rung::rigid_segments) return;
+  for (const std::string& region : rigid_regions(experiment)) {
+    if (region_of(experiment, id) != region) continue;
+    throw InputError(fmt::format(
+        "model = \"rigid_segments\" takes '{}', over 100 times as stiff as the softest region, for rigid, so "
+        "that no reading depends on {}; take this table out, or set model = \"full\"",
+        region, id));
+  }
+}
+
 }  // namespace
+
+std::string region_of(const Experiment& experiment, const std::string& id) {
+  for (const MaterialSettings& material : experiment.materials) {
+    for (const auto& [spec, value] : region_parameters(material.region, material.law, material.constants)) {
+      if (spec.id == id) return material.region;
+    }
+  }
+  return "";
+}
 
 std::vector<FreeParameter> free_parameters(const Experiment& experiment, const Protocol& protocol) {
   std::vector<FreeParameter> free;
@@ -87,6 +108,7 @@ std::vector<FreeParameter> free_parameters(const Experiment& experiment, const P
               fmt::format("'{}' is set by the bench, row by row, and cannot be fitted; free a parameter of the model",
                           settings.id));
       }
+      refuse_rigid(experiment, settings.id);
       const ParameterSpec& spec = protocol.parameters()[parameter.index];
       auto given = [&](const std::optional<GivenValue>& value, double otherwise) {
         return value ? parse_quantity(value->text, quantity_of_si_unit(spec.unit), value->where) : otherwise;

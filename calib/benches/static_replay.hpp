@@ -25,8 +25,11 @@ struct StaticReplay : BenchRows {
 /// The readings' protocol with this mesh. Throws InputError.
 StaticReplay make_static_replay(const Experiment& experiment, const MeshSettings& settings, const Trials& trials);
 
+/// The region whose material has this constant, "E_foam" say; "": none.
+std::string region_of(const Experiment& experiment, const std::string& id);
+
 /// The experiment's free parameters with starts and bounds filled in from the model. Throws InputError for unknown ids,
-/// a start outside its bounds, and bounds outside the physical range.
+/// constants of rigid regions, a start outside its bounds, and bounds outside the physical range.
 std::vector<FreeParameter> free_parameters(const Experiment& experiment, const Protocol& protocol);
 
 /// A load as a force [N] for figures: itself, a mass times gravity; other quantities as they are.

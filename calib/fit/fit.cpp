@@ -347,8 +347,19 @@ class Fit {
                                                                                 : FitStatus::not_converged;
   }
 
+  /// Of the start, whose evaluation the search begins with anyway.
+  void tell_idle() {
+    if (!options_.idle || !evaluator_.evaluate(best_.q)) return;
+    const Eigen::MatrixXd jacobian = evaluator_.jacobian();
+    for (Eigen::Index j = 0; j < jacobian.cols(); ++j) {
+      if (jacobian.col(j).cwiseAbs().maxCoeff() * evaluator_.scale(j).range(best_.q[j]) < 1e-6)
+        options_.idle(static_cast<size_t>(j));
+    }
+  }
+
   void search_once(bool first) {
     const Searching searching(protocol_);
+    if (first) tell_idle();
     const bool near = !first || step_in_compliance(evaluator_, best_.q);
     best_ = minimise(evaluator_, best_.q, -1, near ? undamped : damped, options_);
   }

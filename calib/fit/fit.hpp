@@ -132,6 +132,9 @@ struct FitOptions {
   double restart_budget = 40;  ///< what those searches may cost, in cold replays
   /// A start that is nearer to an optimum than the one given, from a cheaper model; may be empty.
   std::function<std::vector<FreeParameter>(const std::vector<FreeParameter>&)> better_start;
+  /// Told of each parameter, by its place, whose whole range (a factor of e) changes no prediction by 1e-6 standard
+  /// deviations at the start; may throw.
+  std::function<void(size_t place)> idle;
   const std::atomic<bool>* stop = nullptr;
   std::function<void(const FitProgress&)> progress;
 };

@@ -96,6 +96,25 @@ class Run {
     return fit(protocol, bench.measurements(), free, how);
   }
 
+  /// A region's constant on which nothing depends at the start. Others may come to matter on the way: a cable's
+  /// stiffness where it is still slack.
+  void refuse_idle(int index) const {
+    const Experiment& experiment = bench_.experiment();
+    const std::string& id = bench_.protocol().parameters()[index].id;
+    const std::string region = region_of(experiment, id);
+    if (region.empty() || !experiment.kind->specimen) return;
+    throw FileError(
+        experiment.path,
+        fmt::format("[fit.free.{}]: no reading depends on it at the start: {}; take this table out, or "
+                    "load and measure where it matters",
+                    id,
+                    experiment.model == Rung::automatic
+                        ? fmt::format("the models that were chosen take the region '{}' for rigid, or "
+                                      "nothing strains it (model = \"full\" would tell)",
+                                      region)
+                        : fmt::format("nothing strains the region '{}' in a way that a channel sees", region)));
+  }
+
   void fit_all() {
     const Stopwatch watch;
     const std::vector<FreeParameter> start = bench_.better_starts(free_);
@@ -103,6 +122,7 @@ class Run {
     FitOptions how;
     how.all_profiles = bench_.experiment().all_profiles;
     how.recover = bench_.trials_at_rest() != nullptr;  // searches of recordings take minutes each
+    how.idle = [&](size_t place) { refuse_idle(start[place].index); };
     how.better_start = [&](const std::vector<FreeParameter>& from) { return bench_.better_starts(from); };
     FitResult& fit = record_.fit;
     fit = fit_logged(bench_, start, "fit", "fit", how);

@@ -28,6 +28,10 @@ double softest(const Setup& setup) {
   return least;
 }
 
+bool may_be_rigid(const Setup& setup, const MaterialSettings& material) {
+  return modulus_of(material) > 100 * softest(setup);
+}
+
 /// A point of a body's own frame in the world at rest.
 Eigen::VectorXd placed(const BodySettings& body, const Eigen::VectorXd& point) {
   if (body.at.empty()) return point;
@@ -108,7 +112,7 @@ class Assembler {
 
  private:
   bool rigid(const MaterialSettings& material) const {
-    return options_.rigid_segments && modulus_of(material) > 100 * softest(setup_);
+    return options_.rigid_segments && may_be_rigid(setup_, material);
   }
   int index_of(const std::string& control) const { return builder_.parameters().index(control); }
 
@@ -376,6 +380,14 @@ class Assembler {
 };
 
 }  // namespace
+
+std::vector<std::string> rigid_regions(const Setup& setup) {
+  std::vector<std::string> regions;
+  for (const MaterialSettings& material : setup.materials) {
+    if (may_be_rigid(setup, material)) regions.push_back(material.region);
+  }
+  return regions;
+}
 
 BuiltScene build_scene(const Setup& setup, const SceneOptions& options) {
   return Assembler(setup, options).build();

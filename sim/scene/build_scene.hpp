@@ -50,6 +50,9 @@ class FileError : public InputError {
   std::string reason;
 };
 
+/// The regions that SceneOptions::rigid_segments makes rigid.
+std::vector<std::string> rigid_regions(const Setup& setup);
+
 /// Runs `action` and puts the file (and the part of it) in front of what goes wrong.
 template <class Action>
 auto at(const Setup& setup, const std::string& part, Action&& action) {
