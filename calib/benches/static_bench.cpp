@@ -99,10 +99,65 @@ std::vector<FreeParameter> StaticBench::better_starts(const std::vector<FreePara
   if (!models_.starts || first_dimension != free.end()) return free;
   return models_.starts(experiment_, trials_, free);
 }
+  refuse_held_channels();
 
 void StaticBench::find_axes() {
   size_t most = 0;
   for (size_t k = 0; k < trials_.control_ids.size(); ++k) {
+/// The supports that hold what `gradient` weighs, as "on 'xmin'"; empty where it moves freely, or is moved.
+std::vector<std::string> StaticBench::held_by(const Eigen::VectorXd& gradient) const {
+  const Model& whole = *model().scene().model;
+  const double all = gradient.norm();
+  if (all == 0 || whole.restrict_to_free(gradient).norm() > 1e-9 * all) return {};
+  for (const int control : replay().protocol->controls()) {
+    if (whole.support_derivative(control).cwiseProduct(gradient).cwiseAbs().maxCoeff() > 1e-9 * all) return {};
+  }
+  std::vector<std::string> found;
+  for (const SupportSettings& support : experiment_.supports) {
+    const std::vector<int> nodes = whole.mesh().select(support.on).nodes();
+    const bool holds = std::ranges::any_of(nodes, [&](int node) {
+      return std::ranges::any_of(support.fix,
+                                 [&](int c) { return gradient[node * whole.mesh().dimension() + c] != 0; });
+    });
+    if (holds) found.push_back(fmt::format("on '{}'", support.on));
+  }
+  return found;
+}
+
+/// Channels that read 0 whatever happens: no parameter follows from them.
+void StaticBench::refuse_held_channels() const {
+  const StaticProtocol& protocol = model();
+  const Point rest{Eigen::VectorXd::Zero(protocol.scene().model->mesh().X.size()), protocol.nominal()};
+  for (size_t k = 0; k < experiment_.channels.size(); ++k) {
+    const ChannelSettings& settings = experiment_.channels[k];
+    if (settings.kind->on != ChannelKind::On::place) continue;
+    const std::vector<std::string> supports = held_by(protocol.channels()[k].channel->gradient(rest));
+    if (supports.empty()) continue;
+    throw FileError(experiment_.path,
+                    fmt::format("[[channel]] '{}': the {} never changes, since the support {} fixes it there; measure "
+                                "where the specimen moves, or take that component out of the support's 'fix'",
+                                settings.id, channel_text(settings), join(supports, " and ")));
+  }
+}
+
+/// Loads that go into supports whole.
+std::vector<std::string> StaticBench::held_loads() const {
+  const StaticProtocol& protocol = model();
+  const Model& whole = *protocol.scene().model;
+  Point rest{Eigen::VectorXd::Zero(whole.mesh().X.size()), protocol.nominal()};
+  std::vector<std::string> found;
+  for (const LoadSettings& load : experiment_.loads) {
+    const std::vector<std::string> supports =
+        held_by(whole.parameter_gradient(rest, protocol.parameters().index(load.id)));
+    if (!supports.empty())
+      found.push_back(
+          fmt::format("[[load]] '{}' strains nothing: the support {} fixes all that it pulls at along its direction; "
+                      "is it on the right face?",
+                      load.id, join(supports, " and ")));
+  }
+  return found;
+}
+
     const Quantity quantity = trials_.control_quantities[k];
     controls_.push_back(make_axis(trials_.control_ids[k], quantity, trials_.control_ids[k]));
     if (quantity == Quantity::length) continue;
@@ -343,6 +398,7 @@ std::vector<std::string> StaticBench::warnings_before() const {
         "linear elements bend too stiffly: a fitted modulus is too small by some per cent; compare with element = "
         "\"quadratic\"");
   return warnings;
+  for (std::string& load : held_loads()) warnings.push_back(std::move(load));
 }
 
 /// Rows whose equilibrium is one of two alike, by the side that was taken.

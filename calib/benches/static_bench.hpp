@@ -60,6 +60,9 @@ class StaticBench final : public Bench {
   std::string cables_text() const;
   std::string contact_text() const;
   std::vector<std::string> sides_taken() const;
+  std::vector<std::string> held_by(const Eigen::VectorXd& gradient) const;
+  void refuse_held_channels() const;
+  std::vector<std::string> held_loads() const;
 
   Trials trials_;
   std::unique_ptr<DimensionedProtocol> protocol_;  ///< of the full model, with the dimensions that are free

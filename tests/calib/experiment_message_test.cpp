@@ -1,7 +1,10 @@
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "calib/benches/static_replay.hpp"
 #include "calib/files/experiment.hpp"
+#include "calib/runs/open_bench.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"
 
@@ -267,6 +270,35 @@ TEST_F(WrongExperiment, FreeParametersWithWrongBounds) {
 TEST_F(WrongExperiment, ReferencesWithoutAValue) {
   refuses("[bench]", "[[fit.reference]]\nparameter = \"E_foam\"\nsource = \"book\"\n[bench]",
           {"[fit.reference]", "'value' is missing"});
+}
+
+TEST_F(WrongExperiment, ChannelsAndLoadsThatASupportHolds) {
+  folder_.write("bench.csv", csv_);
+  const auto opened = [&](const std::string& toml) { return open_bench(folder_.write("beam.toml", toml)); };
+  const std::string channel = "id = \"tip\"\non = \"", load = "id = \"pull\"\non = \"";
+  expect_input_error([&] { opened(replaced(beam_toml, channel + "xmax", channel + "xmin")); },
+                     {"beam.toml: [[channel]] 'tip': the mean displacement of xmin never changes", "on 'xmin' fixes it",
+                      "measure where"});
+  // Fixed in x alone it slides.
+  const std::string sliding =
+      replaced(beam_toml, "fix = [\"x\", \"y\"]", "fix = [\"x\"]\n[[support]]\non = \"xmax\"\nfix = [\"y\"]");
+  EXPECT_NO_THROW(opened(replaced(sliding, channel + "xmax", channel + "xmin")));
+  const auto warned = [&](const std::string& toml) {
+    const std::vector<std::string> warnings = opened(toml)->warnings_before();
+    return std::ranges::any_of(warnings, [](const std::string& one) {
+      return one.find("[[load]] 'pull' strains nothing: the support on 'xmin' fixes") != std::string::npos;
+    });
+  };
+  EXPECT_TRUE(warned(replaced(beam_toml, load + "xmax", load + "xmin")));
+  EXPECT_FALSE(warned(beam_toml));
+  const std::string slides =
+      replaced(replaced(sliding, channel + "xmax", channel + "xmin"), load + "xmax", load + "xmin");
+  EXPECT_FALSE(warned(slides)) << "along the load";
+  // A displacement that is set is one to compare with.
+  folder_.write("bench.csv", "trial,pull_N,lift_mm,tip_mm\na,0.05,1,1\n");
+  EXPECT_NO_THROW(
+      opened(replaced(beam_toml, "[[load]]",
+                      "[[support]]\non = \"xmax\"\nmove = \"y\"\nid = \"lift\"\ncolumn = \"lift_mm\"\n[[load]]")));
 }
 
 }  // namespace
