@@ -411,7 +411,7 @@ class Climb {
     take(
         Rung::beam, [&](int row) { return from_beam(row) <= tolerance_; }, from_beam);
     take(
-        Rung::full, [](int) { return true; }, [](int) { return not_a_number; });
+        Rung::full, [](int) { return true; }, [](int) { return 0; });
   }
 
   /// Makes the protocol of the rungs chosen, and replays it.
@@ -434,6 +434,7 @@ class Climb {
     for (int row : all_) {
       const double apart = relative_change(values_[row], other[row]);
       widest = std::max(widest, apart);
+      if (choice(row).rung == Rung::full) choice(row).change = apart;  // until a solid is asked
       if (!(apart <= tolerance_)) doubtful.insert(row);
     }
     std::string remark;
@@ -499,9 +500,15 @@ class Climb {
     }
     for (int row : whole_paths(rows_, changed)) {
       choice(row).rung = Rung::solid;
-      choice(row).change = not_a_number;
+      choice(row).change = 0;
     }
-    return fmt::format("the solid changes rows by up to {}", percent(largest));
+    return fmt::format(
+        "the solid changes rows by up to {}{}", percent(largest),
+        changed.empty()
+            ? ""
+            : fmt::format(
+                  ", so that they come from it although the file says plane {}: no plane section is assumed in them",
+                  experiment_.geometry.plane == Plane::strain ? "strain" : "stress"));
   }
 
   /// Where the solid itself has too many `unknowns`: coarse ones tell what it would change.

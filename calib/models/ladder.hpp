@@ -62,7 +62,7 @@ struct RungTrial {
 struct RowChoice {
   Rung rung = Rung::full;
   /// Relative change of the row's value by the next rung: computed where that was tried, else stated (beam) or
-  /// estimated (rigid segments, plane section); NaN where no rung is above.
+  /// estimated (rigid segments, plane section); 0 where no rung is above; NaN: not known.
   double change = not_a_number;
   double compliance = 0;  ///< the stiff regions' part of that: relative change of the row from rigid to as they are
   bool closed = false;    ///< gaps are closed there: contact acts

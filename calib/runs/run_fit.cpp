@@ -250,6 +250,19 @@ class Run {
            record_.fit.followed.empty();
   }
 
+  bool all_rows_solid() const {
+    return std::ranges::all_of(bench_.readings(), [&](const BenchReading& reading) {
+      const auto model = reading.row < 0 ? std::nullopt : bench_.model_of(reading.row);
+      return reading.row < 0 || (model && model->name == name_of(Rung::solid));
+    });
+  }
+
+  /// Where "auto" took the solid for all rows.
+  Share no_section_share() const {
+    const std::vector<double> none(record_.fit.parameters.size(), 0.0);
+    return {"plane section", none, none, "all rows come from the solid: no plane section is assumed"};
+  }
+
   void find_shares() {
     Experiment experiment = bench_.experiment();
     const Trials& trials = *bench_.trials_at_rest();
@@ -260,6 +273,7 @@ class Run {
       if (auto share = section_share(experiment, trials, record_.fit, events_.show, ask)) shares.push_back(*share);
     } else {
       shares.push_back(model_share(bench_, record_.fit, ask));
+      if (all_rows_solid()) shares.push_back(no_section_share());
       const bool beams = experiment.model == Rung::beam;  // "auto" looks at the section itself
       experiment.model = Rung::full;                      // has every number that was taken for granted, near enough
       if (beams) {

@@ -91,7 +91,10 @@ TEST(Ladder, AnOpenModuleOfSoftPlasticNeedsTheFullModel) {
   const Experiment e = module(2e7, 0.005);
   const Climbed result = climbed(e, conditions_of({5.89e-3}, {0.05, 0.1}));
   expect_all(result.ladder, Rung::full);
-  for (const RowChoice& row : result.ladder.rows) EXPECT_GT(row.compliance, 0.0025);
+  for (const RowChoice& row : result.ladder.rows) {
+    EXPECT_GT(row.compliance, 0.0025);
+    EXPECT_LE(row.change, 0.005) << "known, of a section whose plane does not matter";
+  }
   EXPECT_NE(result.ladder.sentence.find("compliance changes them by up to"), std::string::npos);
 }
 
@@ -100,6 +103,9 @@ TEST(Ladder, AWidePlateOfRubberNeedsTheSolid) {
   made.experiment.tolerance = 0.02;
   const Climbed result = climbed(made.experiment, made.trials);
   expect_all(result.ladder, Rung::solid);
+  for (const RowChoice& row : result.ladder.rows) EXPECT_EQ(row.change, 0) << "nothing is above";
+  EXPECT_NE(result.ladder.sentence.find("although the file says plane strain: no plane section is assumed"),
+            std::string::npos);
   // Between the two kinds of plane, both of them further away than the tolerance.
   const Prediction solid = result.ladder.protocol->predict(result.ladder.protocol->nominal(), {});
   Experiment stress = made.experiment;

@@ -57,6 +57,26 @@ TEST_F(RunFit, AStageThatThrowsIsARemarkAndCostsItselfAlone) {
   }
 }
 
+TEST(RunFitOfSolids, RowsOfTheSolidHaveNoShareOfAPlaneSection) {
+  TemporaryFolder folder;
+  folder.write("bench.csv", "trial,pull_N,tip_mm\na,0.02,0.4\nb,0.02,0.41\n");
+  std::string toml = replaced(beam_toml, "nu = 0.3", "nu = 0.45");
+  toml = replaced(toml, "thickness = \"20 mm\"", "thickness = \"60 mm\"");
+  toml = replaced(toml, "data = \"simulated\"", "data = \"simulated\"\nmodel = \"auto\"");
+  toml = replaced(toml, "cells = [10, 4]", "cells = [8, 2]");
+  const std::unique_ptr<Bench> bench = open_bench(folder.write("experiment.toml", toml));
+  ASSERT_NE(bench->choice().find("1 of 1 rows from the solid"), std::string::npos) << bench->choice();
+  EvaluationLog log(folder / "log", "test");
+  const RunRecord record = run_fit(*bench, start_record(*bench), log, {}, {});
+  ASSERT_EQ(record.fit.status, FitStatus::converged) << record.fit.message;
+  for (const char* source : {"model", "plane section"}) {
+    const auto share = std::ranges::find(record.shares, source, &Share::source);
+    ASSERT_NE(share, record.shares.end()) << source;
+    EXPECT_EQ(share->bias[0], 0) << share->how;
+    EXPECT_EQ(share->error[0], 0) << share->how;
+  }
+}
+
 TEST(TiedTriple, EndsInAResultThatSaysSoAndNotAtTheLimitOfIterations) {
   TemporaryFolder folder;
   folder.write("bench.csv",
