@@ -137,7 +137,8 @@ struct Fitted {
                     with_unit(half.contact_gap, "m")));
   }
 
-  /// What a section in plane strain leaves out: it is neither free to bulge at its faces nor loaded at points.
+  /// What a plane section leaves out: a body's faces bulge freely and its middle does not, supports hold it across its
+  /// thickness too, and loads may act at points.
   Share section_share() const {
     std::optional<MeshSettings> coarse;
     MeshSettings solid;
@@ -189,7 +190,7 @@ struct Fitted {
 
 /// Whether the experiment is a plane section in place of a solid that can be modelled too.
 bool may_be_deepened(const Experiment& experiment) {
-  if (experiment.geometry.dimension != 2 || experiment.geometry.plane != Plane::strain) return false;
+  if (experiment.geometry.dimension != 2) return false;
   try {
     as_solid(experiment, deepened(experiment, experiment.mesh).depth_cells);
   } catch (const InputError&) {

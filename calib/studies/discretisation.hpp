@@ -65,7 +65,7 @@ std::vector<Share> discretisation_shares(const Experiment& experiment, const Tri
                                          const Ask& ask = {});
 
 /// The share of having taken a solid for a plane section: one Gauss-Newton step with a coarse solid of the section's
-/// thickness, less that with the same coarse section; a third of the bias is its error. Nothing for plane stress, for a
+/// thickness, less that with the same coarse section; a third of the bias is its error. Nothing for a
 /// thickness that is fitted, and where deepened() or as_solid() has no solid. Arguments as above.
 std::optional<Share> section_share(const Experiment& experiment, const Trials& trials, const FitResult& fit,
                                    const std::function<void(const std::string&)>& progress = {}, const Ask& ask = {});
