@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <map>
 
+#include "calib/benches/corners.hpp"
 #include "calib/benches/model.hpp"
 #include "calib/fit/bytes.hpp"
 #include "sim/core/error.hpp"
@@ -12,27 +13,6 @@
 
 namespace taut {
 namespace {
-
-std::vector<std::vector<double>> own_points(const GeometrySettings& geometry, const std::string& cable) {
-  std::vector<std::vector<double>> points;
-  for (const Eigen::VectorXd& point : own_cable(geometry, cable)) points.emplace_back(point.begin(), point.end());
-  return points;
-}
-
-/// Changes one of a shape's keys in a copy of its own; the cables that the shape brings along follow.
-template <class Change>
-void edit_key(Experiment& experiment, size_t key, Change&& change) {
-  const GeometrySettings before = experiment.geometry;
-  std::shared_ptr<Shape> shape = before.shape->clone();
-  const std::vector<ShapeKey> keys = shape->keys();
-  change(keys[key]);
-  experiment.geometry.shape = shape;
-  const std::vector<std::string> names = shape->cable_names();
-  for (CableSettings& cable : experiment.cables.cables) {
-    if (std::ranges::find(names, cable.id) != names.end() && cable.points == own_points(before, cable.id))
-      cable.points = own_points(experiment.geometry, cable.id);
-  }
-}
 
 /// A mesh that moves with a dimension is none any more when that has doubled.
 ParameterSpec spec_of(const std::string& id, double value, std::string_view meaning) {
@@ -80,10 +60,6 @@ std::string id_at(const std::string& place) {
   return place.substr(last + 1);
 }
 
-bool is_fitted(const Experiment& experiment, const std::string& id) {
-  return std::ranges::find(experiment.free, id, &FreeSettings::id) != experiment.free.end();
-}
-
 /// What an experiment's numerics or a bench's zero have, which is nobody's to measure.
 bool is_numerical(const std::string& id) {
   return id == "contact_gap" || id.starts_with("contact_pressure_") || id.starts_with("zero_");
@@ -94,16 +70,16 @@ std::map<std::string, Tolerance> tolerances_by_id(const Experiment& experiment, 
                                                   const std::vector<Dimension>& dimensions) {
   std::map<std::string, Tolerance> found;
   for (const auto& [place, tolerance] : experiment.tolerances) {
-    const std::string id = id_at(place);
-    const bool dimension =
-        std::ranges::any_of(dimensions, [&](const Dimension& d) { return d.place == place && d.spec.id == id; });
+    const auto found_dimension = std::ranges::find(dimensions, place, &Dimension::place);
+    const bool dimension = found_dimension != dimensions.end();
+    const std::string id = dimension ? found_dimension->spec.id : id_at(place);
     const bool known = table.contains(id) && (place.starts_with("materials.") || place.starts_with("cables.") ||
                                               place == "geometry.thickness" || place == "gravity.acceleration");
     if (!dimension && !known)
-      throw InputError(
-          tolerance.where +
-          ": a tolerance has no effect here; allowed: lengths in [geometry] that are not zero, constants in "
-          "[materials.NAME], k and slack in [cables], and [bench.tolerance] for what the bench sets");
+      throw InputError(tolerance.where +
+                       ": a tolerance has no effect here; allowed: lengths in [geometry] that are not zero, corners of "
+                       "boxes and polygons, constants in "
+                       "[materials.NAME], k and slack in [cables], and [bench.tolerance] for what the bench sets");
     if (is_fitted(experiment, id))
       throw InputError(
           fmt::format("{}: {} is fitted ([fit.free.{}]), so that its tolerance has no effect; leave either "
@@ -133,6 +109,7 @@ Assumption control_assumption(const Experiment& experiment, const ParameterSpec&
 std::vector<Dimension> dimensions_of(const Experiment& experiment) {
   std::vector<Dimension> dimensions;
   add_lengths(experiment, dimensions);
+  add_corners(experiment, dimensions);
   if (experiment.geometry.dimension == 2 && experiment.mesh.depth_cells > 0) {
     dimensions.push_back({spec_of("thickness", experiment.geometry.thickness, "thickness of the solid"),
                           "geometry.thickness", experiment.geometry.thickness,
@@ -202,7 +179,8 @@ void DimensionedProtocol::add(const Dimension& dimension) {
     return mesh;
   };
   try {
-    moves_.emplace_back((mesh_with(step_).X - mesh_with(-step_).X) / (2 * step_));
+    moves_.emplace_back(dimension.moves ? dimension.moves(*mesh_)
+                                        : (mesh_with(step_).X - mesh_with(-step_).X) / (2 * step_));
   } catch (const InputError& error) {
     left_out_.push_back(fmt::format("{}: {}", dimension.spec.id, error.what()));
     return;

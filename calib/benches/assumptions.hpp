@@ -15,10 +15,14 @@ struct Dimension {
   std::string place;   ///< in the file: "geometry.gap_total", "geometry.size.1"
   double value = 0;    ///< [m]
   std::function<void(Experiment& experiment, double value)> set;
+  /// How the nodes of the experiment's mesh go with it, dX/dvalue; empty: as meshes of a little more and less tell.
+  /// Throws InputError where they cannot.
+  std::function<Eigen::VectorXd(const Mesh& mesh)> moves = {};
 };
 
 /// All of an experiment that are not zero: lengths of its shape, and the thickness of a solid. Corners of boxes and
-/// polygons are none, nor is anything of a mesh that is read from a file.
+/// polygons are some where they have a tolerance or are fitted (corners.hpp); nothing of a mesh that is read from a
+/// file.
 std::vector<Dimension> dimensions_of(const Experiment& experiment);
 
 /// A number that a fit of readings at rest takes for granted: a dimension, a constant that is not fitted, the scale or

@@ -47,7 +47,8 @@ struct TableReader::Nodes {
       const double value = parse_quantity(number, quantity, where);
       if (!tolerance.empty()) {
         const std::string place =
-            fmt::format("{}.{}{}", reader.name_, key, entry == 0 ? "" : fmt::format(".{}", entry));
+            fmt::format("{}{}.{}{}", reader.name_, reader.number_ == 0 ? "" : fmt::format(".{}", reader.number_), key,
+                        entry == 0 ? "" : fmt::format(".{}", entry));
         (*reader.tolerances_)[place] = {
             half_width(tolerance, value, number.find('%') == std::string::npos, quantity, where), where};
       }
@@ -287,7 +288,10 @@ std::vector<TableReader> TableReader::tables(std::string_view key) {
   const toml::array* array = node->as_array();
   if (array == nullptr || !array->is_array_of_tables())
     fail(key, fmt::format("this is a list of tables; write [[{}]]", name));
-  for (const toml::node& element : *array) readers.push_back(TableReader(element.as_table(), file_, name, tolerances_));
+  for (const toml::node& element : *array) {
+    readers.push_back(TableReader(element.as_table(), file_, name, tolerances_));
+    readers.back().number_ = readers.size();
+  }
   return readers;
 }
 

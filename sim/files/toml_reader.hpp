@@ -110,6 +110,7 @@ class TableReader {
 
   const void* table_;  ///< a toml::table
   std::string file_, name_;
+  size_t number_ = 0;  ///< in a list of tables, from 1; 0: it is in none
   std::shared_ptr<Tolerances> tolerances_;
   std::vector<std::string> asked_;
 };

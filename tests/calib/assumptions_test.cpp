@@ -9,7 +9,9 @@
 #include "calib/benches/static_bench.hpp"
 #include "calib/fit/fit.hpp"
 #include "calib/runs/open_bench.hpp"
+#include "calib/runs/run_fit.hpp"
 #include "calib/studies/assumption_shares.hpp"
+#include "sim/mesh/gmsh.hpp"
 #include "sim/mesh/weights.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/push_puppet.hpp"
@@ -286,28 +288,34 @@ TEST_F(Assumptions, WhereAModelStatesNoErrorItsShareIsNotKnown) {
   for (size_t j = 0; j < share.bias.size(); ++j) EXPECT_TRUE(std::isnan(share.bias[j]) && std::isnan(share.error[j]));
 }
 
-// In series u = F/A (l/E + L/E'): without the second a fit finds l/E + L/E' for its l/E.
-TEST_F(Assumptions, WhatRigidSegmentsLeaveOutIsTheComplianceInSeries) {
-  folder_.write("bar.msh",
-                "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n4\n1 1 \"left\"\n1 2 \"right\"\n2 3 \"foam\"\n"
-                "2 4 \"plastic\"\n$EndPhysicalNames\n$Nodes\n6\n1 0 0 0\n2 10 0 0\n3 60 0 0\n4 0 12 0\n5 10 12 0\n"
-                "6 60 12 0\n$EndNodes\n$Elements\n6\n1 1 2 1 1 1 4\n2 1 2 2 2 3 6\n3 2 2 3 3 1 2 5\n4 2 2 3 3 1 5 4\n"
-                "5 2 2 4 4 2 3 6\n6 2 2 4 4 2 6 5\n$EndElements\n");
-  const double E = 100e3, stiff = 120 * E, compliance = 0.01 / E + 0.05 / stiff;
-  const double force = 1e-4, area = 0.012 * 0.02;
-  folder_.write("bench.csv",
-                fmt::format("trial,pull_N,tip_mm\na,{0},{1}\nb,{0},{1}\n", force, 1e3 * force / area * compliance));
-  std::string toml = bar();
-  toml = replaced(toml, "data = \"simulated\"", "data = \"simulated\"\nmodel = \"rigid_segments\"");
-  toml = replaced(toml, "kind = \"rectangle\"\nsize = [\"60 mm\", \"12 mm\"]\nregion = \"foam\"",
-                  "kind = \"msh\"\nfile = \"bar.msh\"\nunit = \"mm\"\ndimension = 2");
+/// A bar of 10 mm of foam at "left" and 50 mm of plastic, 120 times as stiff, up to "right"; they meet at "middle".
+std::string bar_of_two(const TemporaryFolder& folder) {
+  folder.write("bar.msh",
+               "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n5\n1 1 \"left\"\n1 2 \"right\"\n2 3 \"foam\"\n"
+               "2 4 \"plastic\"\n1 5 \"middle\"\n$EndPhysicalNames\n$Nodes\n6\n1 0 0 0\n2 10 0 0\n3 60 0 0\n4 0 12 0\n"
+               "5 10 12 0\n6 60 12 0\n$EndNodes\n$Elements\n7\n1 1 2 1 1 1 4\n2 1 2 2 2 3 6\n3 2 2 3 3 1 2 5\n"
+               "4 2 2 3 3 1 5 4\n5 2 2 4 4 2 3 6\n6 2 2 4 4 2 6 5\n7 1 2 5 5 2 5\n$EndElements\n");
+  std::string toml = replaced(bar(), "kind = \"rectangle\"\nsize = [\"60 mm\", \"12 mm\"]\nregion = \"foam\"",
+                              "kind = \"msh\"\nfile = \"bar.msh\"\nunit = \"mm\"\ndimension = 2");
   toml = replaced(toml, "[mesh]\ncells = [10, 4]\nelement = \"quadratic\"\n", "");
   toml = replaced(toml, "[[support]]",
                   "[materials.plastic]\nlaw = \"neo_hookean\"\nE = \"12 MPa\"\nnu = 0\n\n[[support]]");
   toml = replaced(toml, "on = \"xmin\"", "on = \"left\"");
   for (const char* entry : {"[[load]]\nid = \"pull\"", "[[channel]]\nid = \"tip\""})
     toml = replaced(toml, entry + std::string("\non = \"xmax\""), entry + std::string("\non = \"right\""));
-  const auto bench = open_bench(folder_.write("e.toml", toml));
+  return toml;
+}
+std::string with_rigid_segments(const std::string& toml) {
+  return replaced(toml, "data = \"simulated\"", "data = \"simulated\"\nmodel = \"rigid_segments\"");
+}
+
+// In series u = F/A (l/E + L/E'): without the second a fit finds l/E + L/E' for its l/E.
+TEST_F(Assumptions, WhatRigidSegmentsLeaveOutIsTheComplianceInSeries) {
+  const double E = 100e3, stiff = 120 * E, compliance = 0.01 / E + 0.05 / stiff;
+  const double force = 1e-4, area = 0.012 * 0.02;
+  folder_.write("bench.csv",
+                fmt::format("trial,pull_N,tip_mm\na,{0},{1}\nb,{0},{1}\n", force, 1e3 * force / area * compliance));
+  const auto bench = open_bench(folder_.write("e.toml", with_rigid_segments(bar_of_two(folder_))));
   const FitResult result = fitted(*bench);
   EXPECT_NEAR(result.parameters[0].value, 0.01 / compliance, 1e-3 * E);
   const std::vector<Share> shares = discretisation_shares(bench->experiment(), *bench->trials_at_rest(), result);
@@ -315,6 +323,94 @@ TEST_F(Assumptions, WhatRigidSegmentsLeaveOutIsTheComplianceInSeries) {
   const double bias = 0.01 / compliance - E;
   EXPECT_LT(bias, -0.03 * E);
   EXPECT_NEAR(shares.back().bias[0], bias, 0.03 * std::abs(bias)) << shares.back().how;
+}
+
+TEST_F(Assumptions, AConstantOfARigidRegionIsNotFitted) {
+  folder_.write("bench.csv", bar_csv);
+  const std::string toml = bar_of_two(folder_) + "\n[fit.free.E_plastic]\n";
+  EXPECT_NO_THROW(open_bench(folder_.write("full.toml", toml))->free());
+  const auto bench = open_bench(folder_.write("e.toml", with_rigid_segments(toml)));
+  expect_input_error([&] { bench->free(); },
+                     {"e.toml: [fit.free.E_plastic]: model = \"rigid_segments\" takes 'plastic'",
+                      "no reading depends on E_plastic", "model = \"full\""});
+}
+
+// Held where the foam ends, the bar pulls at nothing of it.
+TEST_F(Assumptions, AConstantOnWhichNoReadingDependsEndsTheFitBeforeItBegins) {
+  folder_.write("bench.csv", bar_csv);
+  const std::string toml = replaced(bar_of_two(folder_), "on = \"left\"", "on = \"middle\"");
+  const auto bench = open_bench(folder_.write("e.toml", toml));
+  EvaluationLog log(folder_ / "log", "test");
+  expect_input_error([&] { run_fit(*bench, start_record(*bench), log, {}, {}); },
+                     {"e.toml: [fit.free.E_foam]: no reading depends on it at the start", "nothing strains", "'foam'"});
+}
+
+// Free to bulge and to shrink across its thickness, a body in tension is in plane stress; one as deep as this is in
+// plane strain, E / (1 - nu^2) of which plane stress takes for E.
+TEST_F(Assumptions, ASectionInPlaneStressHasItsShareToo) {
+  const auto share_with = [&](std::string toml, const std::string& csv) {
+    folder_.write("bench.csv", csv);
+    const auto bench = open_bench(folder_.write("e.toml", toml));
+    const FitResult result = fitted(*bench);
+    const auto share = section_share(bench->experiment(), *bench->trials_at_rest(), result);
+    EXPECT_TRUE(share.has_value());
+    return share ? share->bias[0] / result.parameters[0].value : NAN;
+  };
+  std::string toml = replaced(bar(), "nu = 0", "nu = 0.4");
+  toml = replaced(toml, "fix = [\"x\", \"y\"]", "fix = [\"x\"]\n[[support]]\non = \"xmin & ymin\"\nfix = [\"y\"]");
+  EXPECT_NEAR(share_with(toml, bar_csv), 0, 1e-3);
+  std::string deep = replaced(replaced(beam_toml, "plane = \"strain\"", "plane = \"stress\""), "nu = 0.3", "nu = 0.4");
+  deep = replaced(deep, "thickness = \"20 mm\"", "thickness = \"600 mm\"");
+  EXPECT_NEAR(share_with(deep, "trial,pull_N,tip_mm\na,0.1,0.7\nb,0.1,0.7\n"), 0.16, 0.03);
+}
+
+/// The bar as `geometry` of Gmsh, with elements of 5 mm.
+std::string bar_as(const std::string& geometry) {
+  const std::string old = "kind = \"rectangle\"\nsize = [\"60 mm\", \"12 mm\"]\nregion = \"foam\"\n";
+  return replaced(replaced(bar(), old, ""), "[mesh]\ncells = [10, 4]", geometry + "\n[mesh]\nsize = \"5 mm\"");
+}
+
+// With one corner of an end the mean of that face moves by half as much: dE/E = (1/2) dL/L, and (1/2) dh/h of a side
+// that turns about its other end.
+TEST_F(Assumptions, ACornerOfAPolygonCountsForHalfOfItsSide) {
+  if (!has_gmsh()) GTEST_SKIP() << "meshes polygons";
+  std::string toml = replaced(bar_as(R"([[geometry.polygon]]
+region = "foam"
+x = ["0 mm", "60 mm +- 0.3 mm", "60 mm", "0 mm +- 0.3 mm"]
+y = ["0 mm", "0 mm", "12 mm +- 2 %", "12 mm"]
+edges = ["", "xmax", "", "xmin"]
+)"),
+                              "[geometry]\n", "[geometry]\nkind = \"polygons\"\n");
+  double E = 0;
+  const auto shares = shares_of(toml, &E);
+  EXPECT_NEAR(E, 0.0001 * 0.06 / (0.02 * 0.012 * 0.25e-6), 1e-3 * E);
+  for (const auto& [source, part] :
+       {std::pair("polygon_1_x_2", 0.0025), {"polygon_1_x_4", 0.0025}, {"polygon_1_y_3", 0.01}}) {
+    ASSERT_TRUE(shares.contains(source)) << source;
+    EXPECT_NEAR(shares.at(source).error[0] / E, part, 0.03 * part) << source;
+    EXPECT_TRUE(shares.at(source).counted) << source;
+  }
+  EXPECT_FALSE(shares.contains("polygon_1_x_3")) << "nobody says anything of it";
+}
+
+TEST_F(Assumptions, APlaneOfABoxIsItsLength) {
+  if (!has_gmsh()) GTEST_SKIP() << "meshes boxes";
+  std::string toml = replaced(bar_as(R"([[geometry.box]]
+region = "foam"
+lower = ["0 mm", "0 mm", "0 mm"]
+upper = ["60 mm +- 0.3 mm", "12 mm", "20 mm +- 0.1 mm"]
+)"),
+                              "[geometry]\n", "[geometry]\nkind = \"boxes\"\n");
+  toml = replaced(replaced(toml, "thickness = \"20 mm\"\n", ""), "plane = \"stress\"\n", "");
+  toml = replaced(toml, "fix = [\"x\", \"y\"]", "fix = [\"x\", \"y\", \"z\"]");
+  for (const char* column : {"pull_N", "tip_mm"}) {
+    const std::string end = std::string("\ncolumn = \"") + column + "\"";
+    toml = replaced(toml, "direction = [1, 0]" + end, "direction = [1, 0, 0]" + end);
+  }
+  double E = 0;
+  const auto shares = shares_of(toml, &E);
+  EXPECT_NEAR(shares.at("box_1_upper_x").error[0], 0.005 * E, 1e-4 * E);
+  EXPECT_NEAR(shares.at("box_1_upper_z").error[0], 0.005 * E, 1e-4 * E);
 }
 
 }  // namespace
