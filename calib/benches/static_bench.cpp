@@ -54,6 +54,26 @@ std::string channel_text(const ChannelSettings& channel) {
   return text;
 }
 
+/// `model` in words.
+std::string rung_text(const Experiment& experiment) {
+  const std::string name = fmt::format("\"{}\"", name_of(experiment.model));
+  switch (experiment.model) {
+    case Rung::beam:
+      return name + ": a chain of Timoshenko beams";
+    case Rung::rigid_segments:
+      return name + ": finite elements, in which " + join(rigid_regions(experiment), " and ") + " cannot deform";
+    case Rung::full:
+      return name + ": finite elements, in which all deforms";
+    case Rung::solid:
+      return name + fmt::format(": the section as a solid, {} layers of elements across half of its thickness",
+                                experiment.mesh.depth_cells);
+    case Rung::automatic:
+      return name + fmt::format(": row by row the cheapest that is within {:.2g} %, chosen when the fit begins",
+                                100 * experiment.tolerance);
+  }
+  return name;
+}
+
 /// The experiment whose mesh is that of its solid, where it asks for one.
 Experiment with_own_mesh(Experiment experiment) {
   if (experiment.model == Rung::solid) experiment.mesh = deepened(experiment, experiment.mesh);
@@ -79,31 +99,11 @@ StaticBench::StaticBench(Experiment experiment, Trials trials)
   // Tolerances that mean nothing are wrong input, whatever is done with the bench.
   assumptions_of(experiment_, protocol_->parameters(), protocol_->nominal(), dimensions_of(experiment_));
   for (const std::string& why : protocol_->left_out()) throw FileError(experiment_.path, "[fit.free] " + why);
+  refuse_held_channels();
   find_axes();
   find_readings();
 }
 
-void StaticBench::use(const CheaperModels& models) {
-  models_ = models;
-  choice_ = models.choose(experiment_, trials_, replay());
-  if (choice_.protocol && !protocol_->dimensions().empty())
-    throw FileError(experiment_.path, fmt::format("[fit.free.{}]: a dimension is fitted by the full model alone; leave "
-                                                  "'model' out",
-                                                  protocol_->dimensions().front().spec.id));
-}
-
-/// Cheaper models have the dimensions of the file.
-std::vector<FreeParameter> StaticBench::better_starts(const std::vector<FreeParameter>& free) const {
-  const auto first_dimension =
-      std::ranges::find_if(free, [&](const FreeParameter& one) { return one.index >= model().parameters().size(); });
-  if (!models_.starts || first_dimension != free.end()) return free;
-  return models_.starts(experiment_, trials_, free);
-}
-  refuse_held_channels();
-
-void StaticBench::find_axes() {
-  size_t most = 0;
-  for (size_t k = 0; k < trials_.control_ids.size(); ++k) {
 /// The supports that hold what `gradient` weighs, as "on 'xmin'"; empty where it moves freely, or is moved.
 std::vector<std::string> StaticBench::held_by(const Eigen::VectorXd& gradient) const {
   const Model& whole = *model().scene().model;
@@ -158,6 +158,26 @@ std::vector<std::string> StaticBench::held_loads() const {
   return found;
 }
 
+void StaticBench::use(const CheaperModels& models) {
+  models_ = models;
+  choice_ = models.choose(experiment_, trials_, replay());
+  if (choice_.protocol && !protocol_->dimensions().empty())
+    throw FileError(experiment_.path, fmt::format("[fit.free.{}]: a dimension is fitted by the full model alone; leave "
+                                                  "'model' out",
+                                                  protocol_->dimensions().front().spec.id));
+}
+
+/// Cheaper models have the dimensions of the file.
+std::vector<FreeParameter> StaticBench::better_starts(const std::vector<FreeParameter>& free) const {
+  const auto first_dimension =
+      std::ranges::find_if(free, [&](const FreeParameter& one) { return one.index >= model().parameters().size(); });
+  if (!models_.starts || first_dimension != free.end()) return free;
+  return models_.starts(experiment_, trials_, free);
+}
+
+void StaticBench::find_axes() {
+  size_t most = 0;
+  for (size_t k = 0; k < trials_.control_ids.size(); ++k) {
     const Quantity quantity = trials_.control_quantities[k];
     controls_.push_back(make_axis(trials_.control_ids[k], quantity, trials_.control_ids[k]));
     if (quantity == Quantity::length) continue;
@@ -360,7 +380,8 @@ Lines StaticBench::describe() const {
   Lines lines{{"data", e.simulated ? "simulated" : "measured"},
               {"geometry", geometry_text(e.geometry)},
               {"mesh", fmt::format("{}: {} nodes, {} elements, {} unknowns", e.mesh.describe(), mesh.node_count(),
-                                   mesh.element_count(), unknowns())}};
+                                   mesh.element_count(), unknowns())},
+              {"model", rung_text(e)}};
   if (!e.geometry.left_out.empty())
     lines.emplace_back("not in the file", "dimensions as the kind has them: " + join(e.geometry.left_out));
   add_material_lines(e, lines);
@@ -377,6 +398,7 @@ Lines StaticBench::describe() const {
 
 std::vector<std::string> StaticBench::warnings_before() const {
   std::vector<std::string> warnings = model().scene().model->mesh().remarks;
+  for (std::string& load : held_loads()) warnings.push_back(std::move(load));
   const Experiment& e = experiment_;
   const bool may_lock =
       e.mesh.formulation == Formulation::standard && !(e.geometry.dimension == 2 && e.geometry.plane == Plane::stress);
@@ -398,7 +420,6 @@ std::vector<std::string> StaticBench::warnings_before() const {
         "linear elements bend too stiffly: a fitted modulus is too small by some per cent; compare with element = "
         "\"quadratic\"");
   return warnings;
-  for (std::string& load : held_loads()) warnings.push_back(std::move(load));
 }
 
 /// Rows whose equilibrium is one of two alike, by the side that was taken.

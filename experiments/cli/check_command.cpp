@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <array>
 #include <boost/program_options.hpp>
 #include <nlohmann/json.hpp>
 
@@ -8,6 +9,7 @@
 #include "experiments/cli/print.hpp"
 #include "experiments/cli/simulate_command.hpp"
 #include "sim/files/simulation.hpp"
+#include "sim/mesh/topology.hpp"
 
 namespace taut {
 namespace {
@@ -24,12 +26,38 @@ nlohmann::ordered_json check_json(const RunRecord& record, const ParameterTable&
   return json;
 }
 
+/// "12 facets, x 0 to 60, y 12 to 12 mm, centre (30, 12) mm": what a tag of the mesh is, and where.
+std::string tag_text(const Mesh& mesh, const Tag& tag) {
+  const std::array<const char*, 3> names{"point", "line", "facet"};
+  const bool facets = tag.dimension == mesh.dimension() - 1;
+  std::string text = fmt::format("{} {}{}", tag.count(), facets ? "facet" : names[static_cast<size_t>(tag.dimension)],
+                                 tag.count() == 1 ? "" : "s");
+  const std::vector<int> nodes = tag.nodes();
+  if (nodes.empty()) return text;
+  Eigen::VectorXd lower = mesh.node(nodes.front()), upper = lower;
+  for (int node : nodes) {
+    lower = lower.cwiseMin(mesh.node(node));
+    upper = upper.cwiseMax(mesh.node(node));
+  }
+  for (Eigen::Index c = 0; c < lower.size(); ++c)
+    text += fmt::format(", {} {:.4g} to {:.4g}", "xyz"[c], 1e3 * lower[c], 1e3 * upper[c]);
+  return text + " mm, centre " + in_millimetres(0.5 * (lower + upper));
+}
+
+/// Where the tags of the mesh are, one line each: on the wrong one a support or load is as right as on any other.
+void add_tags(const Bench& bench, RunRecord& record) {
+  const Mesh* mesh = bench.states().mesh;
+  if (mesh == nullptr) return;
+  for (const auto& [name, tag] : mesh->tags) record.setup.emplace_back("tag " + name, tag_text(*mesh, tag));
+}
+
 /// Reads experiment, bench and model, says what was understood and what cannot be right.
 int check_main(const CommandOptions& options) {
   if (is_simulation(options.target)) return check_simulation(options);
   const std::unique_ptr<Bench> bench = open_bench(options.target, {options.threads, options.stop});
   RunRecord record = start_record(*bench);
   record.setup.emplace_back("size", bench->size_text());
+  add_tags(*bench, record);
   const ParameterTable& table = bench->protocol().parameters();
   if (options.json)
     print_json(check_json(record, table, bench->free()));

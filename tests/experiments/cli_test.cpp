@@ -156,6 +156,16 @@ TEST_F(Command, CheckOfTheSiliconeBlockSaysWhatItUnderstood) {
   EXPECT_TRUE(result.at("warnings").empty());
 }
 
+TEST_F(Command, CheckSaysWhereTheTagsAreAndWhichModelIsInUse) {
+  const Outcome plain = taut({"check", experiment_});
+  expect_holds(plain.out, {"model                  \"full\": finite elements", "tag xmax ",
+                           " 4 facets, x 60 to 60, y 0 to 12 mm, centre (60, 6) mm\n",
+                           " 10 facets, x 0 to 60, y 12 to 12 mm, centre (30, 12) mm\n"});
+  folder_.write("beam/experiment.toml",
+                replaced(beam_toml, "data = \"simulated\"", "data = \"simulated\"\nmodel = \"beam\""));
+  expect_holds(taut({"check", experiment_}).out, {"\"beam\": a chain of Timoshenko beams"});
+}
+
 TEST_F(Command, CheckWarnsAboutElementsThatLock) {
   folder_.write("beam/experiment.toml",
                 replaced(replaced(beam_toml, "nu = 0.3", "nu = 0.49"), "\"quadratic\"", "\"linear\""));
