@@ -63,8 +63,9 @@ void print_parameter(const RunRecord& record, size_t j) {
     const double most = std::abs(share.bias[j]) + (std::isfinite(share.error[j]) ? share.error[j] : 0);
     if (!std::isfinite(e.standard_error) || most <= 1e-3 * e.standard_error || (!share.counted && std::isfinite(most)))
       continue;
-    shares += fmt::format(" +- {} ({})", std::isfinite(most) ? bare_beside(e.value, most, e.spec.unit) : "unknown",
-                          share.source);
+    shares +=
+        fmt::format("{}{} ({})", shares.empty() ? "; may be off by " : ", ",
+                    std::isfinite(most) ? bare_beside(e.value, most, e.spec.unit) : "an unknown amount", share.source);
     biases += fmt::format("  {}\n", describe(share, e, j));
   }
   const std::string total =
@@ -73,7 +74,8 @@ void print_parameter(const RunRecord& record, size_t j) {
                         but_unknown(record, j))
           : "95 % interval ";
   const std::string limit = limit_text(record, j);
-  fmt::print("{} = {} +- {} (noise){}, {}{} of the noise: {}\n  {}\n{}{}{}", e.spec.id, with_unit(e.value, e.spec.unit),
+  fmt::print("{} = {}, standard error {} (noise){}; {}{} of the noise: {}\n  {}\n{}{}{}", e.spec.id,
+             with_unit(e.value, e.spec.unit),
              std::isfinite(e.standard_error) ? bare_beside(e.value, e.standard_error, e.spec.unit) : "unknown", shares,
              total, interval_text(e, e.lower95, e.upper95), name_of(e.verdict), e.explanation,
              limit.empty() ? "" : "  " + limit + "\n", biases, unstated_text(record, j));

@@ -318,7 +318,9 @@ TEST_F(Command, AFitTellsPeopleItsResultOnStdout) {
   EXPECT_EQ(fit.code, 0) << fit.err;
   EXPECT_EQ(fit.err, "");
   expect_holds(fit.out, {"SIMULATED DATA", "E_foam = ", "95 % interval", "well determined", "chi squared"});
-  expect_holds(fit.out, {"(noise) +- ", " (mesh)", " in all, ", "  the mesh makes it "});
+  expect_holds(fit.out,
+               {", standard error ", " (noise); may be off by ", " (mesh)", " in all, ", "  the mesh makes it "});
+  EXPECT_EQ(fit.out.find("+- "), fit.out.find("+- ", fit.out.find("the mesh makes it"))) << "no limit beside a sigma";
 }
 
 TEST_F(Command, AnExcludedLineIsCountedByCheckSaidByTheFitAndStruckOutInTheReport) {
