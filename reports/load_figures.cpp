@@ -12,7 +12,7 @@
 namespace taut::plot {
 namespace {
 
-/// Readings by their index: x, y, sigma.
+/// Readings by their index: x, y, sigma; or x, y, ends of the bar, sigma.
 using Points = std::map<size_t, std::vector<double>>;
 
 /// Readings of one channel in one series, and the curve that the fit draws through them.
@@ -114,7 +114,8 @@ void add_points(Page& page, const RunRecord& record, const Groups& groups, const
     }
     if (rows.empty()) continue;
     const std::string block = page.data(rows);
-    plots.push_back(plotted(block, bars + " pt 0 ps 0 lw 1.2", group.colour, "1:2:3"));
+    plots.push_back(
+        plotted(block, bars + " pt 0 ps 0 lw 1.2", group.colour, rows.front().size() > 3 ? "1:2:3:4" : "1:2:3"));
     symbols.push_back(plotted(block, fmt::format("points pt {} ps 1 lw 1.4", symbol(t)), group.colour));
   }
   plots.insert(plots.end(), symbols.begin(), symbols.end());
@@ -125,8 +126,8 @@ void add_points(Page& page, const RunRecord& record, const Groups& groups, const
   add_excluded(page, excluded, plots);
 }
 
-/// Polynomial through points (x, y, sigma) by weighted least squares, as a line over their range; of a lower degree
-/// where there are too few different x.
+/// Polynomial through points (x, y, ..., sigma) by weighted least squares, as a line over their range; of a lower
+/// degree where there are too few different x.
 Rows trend(const Points& points, int degree) {
   std::set<double> places;
   for (const auto& [reading, row] : points) places.insert(row[0]);
@@ -142,8 +143,8 @@ Rows trend(const Points& points, int degree) {
   Eigen::VectorXd b(A.rows());
   Eigen::Index i = 0;
   for (const auto& [reading, row] : points) {
-    A.row(i) = powers(row[0]) / row[2];
-    b[i++] = row[1] / row[2];
+    A.row(i) = powers(row[0]) / row.back();
+    b[i++] = row[1] / row.back();
   }
   const Eigen::VectorXd coefficients = least_squares(A, b);
   Rows line_of_points;
@@ -196,7 +197,7 @@ Unloaded unloaded_of(const RunRecord& record, const Group& group) {
 
 /// Secant stiffness of a group: points of its readings and a band of its curve, [N/m] over [N].
 struct Stiffness {
-  Points points;  ///< force, k, sigma of k
+  Points points;  ///< force, k, k where the displacement is a sigma larger and smaller, sigma of k
   Rows at_least;  ///< of readings within 2 sigma of no displacement: force, smallest k
   Band band;
   bool increment = false;  ///< displacements are counted from the readings at zero load
@@ -209,11 +210,11 @@ struct StiffnessNumbers {
   std::string csv;
 
   /// Near no displacement the quotient may be anything: what is within 2 sigma of that does not stretch the axis.
-  void add(double force, double k, double sigma, double half) {
+  void add(double force, double k, double sigma, double low, double high) {
     loads.push_back(force);
     if (std::abs(k) < 2 * sigma) return;
     centres.push_back(k);
-    reach.insert(reach.end(), {k - half, k + half});
+    reach.insert(reach.end(), {low, high});
   }
 };
 
@@ -239,10 +240,14 @@ Stiffness stiffness_of(const RunRecord& record, const Group& group, StiffnessNum
       numbers.csv += line("at_least", r.channel, group.series, r.trial, force, delta / kMillimetre, "", "", least, "");
     } else if (delta != 0) {
       const double k = force / delta, sigma = std::abs(force) * spread / (delta * delta);
-      out.points[i] = {force, k, sigma};
-      numbers.add(force, k, sigma, sigma);
+      // 1/x is not symmetric: near no displacement the upper bar is the longer one by far.
+      const bool near = std::abs(delta) <= spread;  // of excluded ones, which have no bars
+      const auto [low, high] =
+          near ? std::pair(k - sigma, k + sigma) : std::minmax({force / (delta + spread), force / (delta - spread)});
+      out.points[i] = {force, k, low, high, sigma};
+      numbers.add(force, k, sigma, low, high);
       numbers.csv += line(r.excluded ? "excluded" : "reading", r.channel, group.series, r.trial, force,
-                          delta / kMillimetre, k, sigma, "", "");
+                          delta / kMillimetre, k, sigma, low, high);
     }
   }
   if (group.curve == nullptr) return out;
@@ -261,7 +266,7 @@ Stiffness stiffness_of(const RunRecord& record, const Group& group, StiffnessNum
     }
     const double half = half95(se) * std::abs(force) / (delta * delta);
     out.band.add(force, k, 0, half);
-    numbers.add(force, k, half / k95, half);
+    numbers.add(force, k, half / k95, k - half, k + half);
     numbers.csv +=
         line("curve", group.channel, group.series, "", force, delta / kMillimetre, k, half / k95, k - half, k + half);
   }
@@ -282,8 +287,9 @@ void add_trend(Page& page, const RunRecord& record, const Group& group, Points p
 std::string stiffness_caption(bool any_increment, bool any_plain, bool any_bound, bool any_at_least, bool trend,
                               bool logarithmic) {
   std::string caption =
-      "Secant stiffness of every reading: load divided by displacement, the bars being the standard deviation of the "
-      "reading carried over. A straight horizontal line would be a linear spring; a rising one stiffens under load.";
+      "Secant stiffness of every reading: load divided by displacement, the bars reaching to what it would be if "
+      "the displacement were one standard deviation larger or smaller. A straight horizontal line would be a linear "
+      "spring; a rising one stiffens under load.";
   if (any_increment) {
     caption += any_plain ? " Where readings at zero load exist, the displacement is the increment beyond their mean."
                          : " The displacement is the increment beyond self-weight, that is beyond the mean reading at "

@@ -277,6 +277,8 @@ TEST_F(ReportTest, StiffnessIsForceOverDisplacementWithItsErrorCarriedOver) {
   EXPECT_EQ(all[0]["displacement_mm"], "4");
   EXPECT_EQ(all[0]["stiffness_N_per_m"], "500");
   EXPECT_EQ(all[0]["sigma_N_per_m"], "12.5");
+  EXPECT_NEAR(std::stod(all[0]["band_lower_N_per_m"]), 2 / 4.1e-3, 1e-3);
+  EXPECT_NEAR(std::stod(all[0]["band_upper_N_per_m"]), 2 / 3.9e-3, 1e-3);
   for (size_t i : {1u, 2u}) {
     EXPECT_EQ(all[i]["kind"], "at_least");
     EXPECT_EQ(all[i]["stiffness_N_per_m"], "");
@@ -288,6 +290,22 @@ TEST_F(ReportTest, StiffnessIsForceOverDisplacementWithItsErrorCarriedOver) {
   EXPECT_NEAR(std::stod(all[1]["sigma_N_per_m"]), 5, 1e-9);
   EXPECT_NEAR(std::stod(all[1]["band_upper_N_per_m"]), 500 + 1.959964 * 5, 1e-5);
   EXPECT_NEAR(std::stod(all[1]["band_lower_N_per_m"]), 500 - 1.959964 * 5, 1e-5);
+}
+
+TEST_F(ReportTest, BarsOfStiffnessReachFartherUpThanDownNearNoDisplacement) {
+  RunRecord record = test::empty_record("E", 1e5, 1e3);
+  // 2.5 sigma off none: from 2 / 3.5e-4 to 2 / 1.5e-4, of either sign.
+  test::add_reading(record, "a", "tip", 2, 2.5e-4, 1e-4, 3e-4);
+  test::add_reading(record, "b", "tip", 2, -2.5e-4, 1e-4, 3e-4);
+  test::add_reading(record, "c", "tip", 2, 4e-3, 1e-4, 4e-3);
+  write_report(record, folder());
+  auto all = rows("figures/effective_stiffness.csv");
+  ASSERT_GE(all.size(), 3u);
+  EXPECT_NEAR(std::stod(all[0]["stiffness_N_per_m"]), 8000, 1e-2);
+  EXPECT_NEAR(std::stod(all[0]["band_lower_N_per_m"]), 2 / 3.5e-4, 1e-1);
+  EXPECT_NEAR(std::stod(all[0]["band_upper_N_per_m"]), 2 / 1.5e-4, 1e-1);
+  EXPECT_NEAR(std::stod(all[1]["band_lower_N_per_m"]), -2 / 1.5e-4, 1e-1);
+  EXPECT_NEAR(std::stod(all[1]["band_upper_N_per_m"]), -2 / 3.5e-4, 1e-1);
 }
 
 TEST_F(ReportTest, WithReadingsAtZeroLoadStiffnessIsThatOfTheIncrement) {
