@@ -40,7 +40,8 @@ Eigen::VectorXd gauss_newton_step(const Prediction& prediction, const std::vecto
     }
   }
   J *= range.asDiagonal();
-  // Those that would leave their bounds stop there, and the others are asked again.
+  // The one that would leave its bounds by most stops there, and the others are asked again: what it drags along may
+  // stay within its own.
   Eigen::VectorXd d = Eigen::VectorXd::Zero(n);
   std::vector<bool> held(free.size(), false);
   for (bool changed = true; changed;) {
@@ -55,11 +56,16 @@ Eigen::VectorXd gauss_newton_step(const Prediction& prediction, const std::vecto
     const auto [U, s, V] = singular_values(open);
     const Eigen::VectorXd inverse = s.cwiseQuotient(s.cwiseMax(0.01).cwiseAbs2());
     const Eigen::VectorXd step = V * inverse.asDiagonal() * (U.transpose() * left);
+    Eigen::Index farthest = 0;
+    double most = 0;
     for (Eigen::Index j = 0; j < n; ++j) {
       if (held[static_cast<size_t>(j)]) continue;
       d[j] = std::clamp(step[j], lowest[j], highest[j]);
-      if (d[j] != step[j]) held[static_cast<size_t>(j)] = changed = true;
+      if (std::abs(d[j] - step[j]) <= most) continue;
+      most = std::abs(d[j] - step[j]);
+      farthest = j;
     }
+    if (most > 0) held[static_cast<size_t>(farthest)] = changed = true;
   }
   for (Eigen::Index j = 0; j < n; ++j)
     d[j] = table[free[static_cast<size_t>(j)].index].logarithmic ? -std::log1p(-d[j]) : d[j] * range[j];

@@ -278,6 +278,22 @@ TEST(MeshShare, AStepEndsAtItsBoundAndTheOthersMakeUpForIt) {
   EXPECT_NEAR(held[1], 1, 1e-12);
 }
 
+TEST(MeshShare, AStepThatABoundStopsDragsNobodyAlong) {
+  // y = a + b and y = a + 1.01 b: 1 and 0 ask for a = 101 and b = -100; with a at 0, b = 1 / (1 + 1.01^2).
+  ParameterTable table;
+  table.declare({"a", "a", "m", -100, 100, ""});
+  table.declare({"b", "b", "m", -100, 100, ""});
+  Prediction prediction;
+  prediction.values = Eigen::Vector2d(0, 0);
+  prediction.derivatives.resize(2, 2);
+  prediction.derivatives << 1, 1, 1, 1.01;
+  const std::vector<Measurement> measurements{{0, 1, 1e-3, 0}, {1, 0, 1e-3, 1}};
+  const Eigen::VectorXd step =
+      gauss_newton_step(prediction, measurements, table, Eigen::Vector2d(0, 0), {{0, 0, -10, 0}, {1, 0, -10, 10}});
+  EXPECT_NEAR(step[0], 0, 1e-12);
+  EXPECT_NEAR(step[1], 1 / (1 + 1.01 * 1.01), 1e-6);
+}
+
 TEST(MeshShare, ExtrapolationFindsLimitAndOrderOfPowersOfTheElementSize) {
   for (double order : {0.7, 1.4, 2.0, 3.5}) {
     const std::vector<double> h{0.4, 0.25, 0.18};
