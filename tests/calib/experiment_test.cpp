@@ -464,8 +464,8 @@ TEST_F(ExperimentFile, ARunsCopyOfAGeometryBringsWhatThatTakesIn) {
                 "Physical Surface(\"bar\") = {1};\nPhysical Curve(\"xmin\") = {4};\nPhysical Curve(\"xmax\") = {2};\n");
   folder_.write("outline.geo", "Merge \"parts/bar.geo\";\n");
   const std::string toml =
-      bar("[geometry]\nkind = \"msh\"\nfile = \"outline.geo\"\nunit = \"mm\"\ndimension = 2\nthickness = \"20 mm\"\n", "",
-          material("bar", "100 kPa", "0.0") + "[[support]]\non = \"xmin\"\nfix = [\"x\", \"y\"]\n");
+      bar("[geometry]\nkind = \"msh\"\nfile = \"outline.geo\"\nunit = \"mm\"\ndimension = 2\nthickness = \"20 mm\"\n",
+          "", material("bar", "100 kPa", "0.0") + "[[support]]\non = \"xmin\"\nfix = [\"x\", \"y\"]\n");
   const Experiment experiment = experiment_in(folder_, toml, bar_csv);
   const std::vector<RunInput> inputs = inputs_of(experiment);
   EXPECT_EQ(inputs.back().copy, "parts/bar.geo");
