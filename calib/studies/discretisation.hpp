@@ -29,8 +29,8 @@ struct Extrapolation {
 /// `values`: quantities x meshes, from coarse to fine, in units in which all quantities count alike; `h` their element
 /// sizes. With v = limit + c h^p on the finest three, order p from the differences of all quantities taken together,
 /// at most highest_order; error 1.25 |limit - v_finest|. From two meshes p = 1, the order beside a sharp corner between
-/// unlike materials, so that the error covers higher ones. Where differences grow, turn, or shrink more slowly than
-/// with p = 0.5, no extrapolation and 3 times the last difference as error.
+/// unlike materials, so that the error covers higher ones. Where differences grow, turn by 60 degrees or more, or
+/// shrink more slowly than with p = 0.5, no extrapolation and 3 times the last difference as error.
 Extrapolation extrapolate(const std::vector<double>& h, const Eigen::MatrixXd& values, double highest_order);
 
 /// How much of each fitted parameter is a matter of something that is not noise: how the specimen was cut into

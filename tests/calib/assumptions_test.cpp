@@ -117,6 +117,22 @@ TEST_F(Assumptions, TolerancesThatMeanNothingAreRefusedWithTheirPlace) {
   refused(replaced(bar(), "trial = \"trial\"", "trial = \"trial\"\ntolerance = { push = \"1 %\" }"), {"push"});
 }
 
+TEST_F(Assumptions, EveryDimensionHasTheToleranceOfItsPlace) {
+  for (Experiment e : {reference_module(1), experiment_in(folder_, bar(), bar_csv)}) {
+    const StaticReplay replay = bench_of(e);
+    e.mesh.depth_cells = 1;  // the thickness is a dimension too
+    const std::vector<Dimension> dimensions = dimensions_of(e);
+    const auto tolerance_of = [&](const Dimension& d) { return 1e-6 * static_cast<double>(&d - &dimensions[0] + 1); };
+    for (const Dimension& d : dimensions) e.tolerances[d.place] = {tolerance_of(d), d.place};
+    const auto all = assumptions_of(e, replay.protocol->parameters(), replay.protocol->nominal(), dimensions);
+    for (const Dimension& d : dimensions) {
+      const auto found = std::ranges::find(all, d.spec.id, &Assumption::id);
+      ASSERT_NE(found, all.end()) << d.place;
+      EXPECT_EQ(found->tolerance, tolerance_of(d)) << d.place;
+    }
+  }
+}
+
 /// Derivatives against differences of whole predictions, with cables, contact and a module that is nearly closed.
 TEST(SlowAssumptions, DerivativesWithRespectToDimensionsAreThoseOfWholePredictions) {
   Experiment e = reference_module(1);

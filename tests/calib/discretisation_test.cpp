@@ -46,6 +46,19 @@ struct PoissonFit {
   }
 };
 
+TEST(Discretisation, DifferencesThatTurnBySixtyDegreesAreNotExtrapolated) {
+  // From (2, b, b, b) to (1, 0, 0, 0): cos = 1/2 of b = 2.
+  const auto turning = [](double b) {
+    Eigen::MatrixXd values(4, 3);
+    values << 0, 2, 3, 0, b, b, 0, b, b, 0, b, b;
+    return extrapolate({4, 2, 1}, values, 4);
+  };
+  EXPECT_TRUE(turning(1.99).measured);
+  EXPECT_FALSE(turning(2).measured);
+  EXPECT_FALSE(turning(2.01).measured);
+  EXPECT_NEAR(turning(1.99).order, 1, 1e-9) << "halved with the elements";
+}
+
 TEST(Discretisation, TheMeshBiasOfAParameterThatIsNotLogarithmicHasTheSignAndSizeOfItsError) {
   const PoissonFit found(
       beam_toml,

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 
@@ -16,7 +17,7 @@ namespace {
 
 /// `a` and `b` in one list of nodes and elements, as an export without merged nodes has them.
 Mesh beside(const Mesh& a, Mesh b, const Eigen::VectorXd& shift) {
-  place(b, 0, shift);
+  place(b, Eigen::MatrixXd::Identity(shift.size(), shift.size()), shift);
   Mesh both = merge({{"a", a}, {"b", b}});
   both.parts.clear();
   return both;
@@ -34,6 +35,20 @@ TEST(OneBody, WhatIsOneIsAccepted) {
   check_one_body(plate(2), "file.msh", false);
   check_one_body(to_quadratic(plate(2)), "file.msh", false);
   check_one_body(box(graded(1, 3), graded(2, 3), graded(1, 2), 2, "foam"), "file.msh", false);
+}
+
+TEST(OneBody, TrianglesWithACommonSideDoNotOverlapWhicheverCornerIsFirst) {
+  Mesh mesh;
+  mesh.X = Eigen::VectorXd::Zero(8);
+  mesh.X << 0, 0, 1, 0, 0.5, 1, 0.5, -1;
+  mesh.region = {0, 0};
+  mesh.region_names = {"foam"};
+  for (int turn = 0; turn < 9; ++turn) {
+    mesh.elements = {0, 1, 2, 1, 0, 3};
+    std::rotate(mesh.elements.begin(), mesh.elements.begin() + turn % 3, mesh.elements.begin() + 3);
+    std::rotate(mesh.elements.begin() + 3, mesh.elements.begin() + 3 + turn / 3, mesh.elements.end());
+    EXPECT_NO_THROW(check_one_body(mesh, "file.msh", false)) << turn;
+  }
 }
 
 TEST(OneBody, LayersWithTheirOwnNodesAreNotJoined) {

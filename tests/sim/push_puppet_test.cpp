@@ -139,6 +139,20 @@ TEST(PushPuppetMesh, AreasOfTheRegionsAndTheOutlineAreThoseOfTheDrawing) {
   }
 }
 
+TEST(PushPuppetMesh, BracketsAreAsHighAsTheNextLineOfTheMesh) {
+  // Lines of the foam lie 1 mm apart: half of 9.2 mm reaches to the fifth.
+  PushPuppet module;
+  const PushPuppetMesh settings{1e-3, 2, 1};
+  const double without = total_measure(mesh_push_puppet(module, settings), "plastic");
+  module.base_bracket = 4e-3;
+  module.tip_bracket = 6e-3;
+  for (const double height : {9.2e-3, 10e-3}) {
+    module.bracket_height = height;
+    const double with = total_measure(mesh_push_puppet(module, settings), "plastic");
+    EXPECT_NEAR(with - without, (4e-3 + 6e-3) * 10e-3, 1e-11 * without) << height;
+  }
+}
+
 TEST(PushPuppetMesh, TheBoundaryIsOneLoopAndFoamIsBondedToWebsOnly) {
   for (const PushPuppet& module : modules()) {
     const Mesh mesh = mesh_push_puppet(module, {1.3e-3, 2, 1});
