@@ -16,7 +16,7 @@ namespace taut::test {
 namespace {
 
 /// 48 readings of y = b x with unit sigma; `off` is added to one of them.
-struct Line {
+struct NoisyLine {
   Eigen::VectorXd x = Eigen::VectorXd::LinSpaced(48, 1, 10);
   ClosedFormProtocol protocol{{{modulus("b"), 3}},
                               [this](const Params& p) -> Eigen::VectorXd { return p[0] * x; },
@@ -24,7 +24,7 @@ struct Line {
   std::vector<Measurement> measurements;
   std::vector<FreeParameter> free{{0, 3, 1, 1e3}};
 
-  Line() {
+  NoisyLine() {
     std::mt19937 random(1);
     std::normal_distribution<double> normal;
     for (int i = 0; i < x.size(); ++i) measurements.push_back({i, 300 * x[i] + normal(random), 1, i});
@@ -34,9 +34,9 @@ struct Line {
 };
 
 TEST(RobustFit, OneReadingTenSigmasOffMovesItByLessThanAThirdOfAStandardError) {
-  const RobustFit clean = Line().robust();
+  const RobustFit clean = NoisyLine().robust();
   for (size_t i = 0; i < 48; i += 7) {
-    Line line;
+    NoisyLine line;
     line.measurements[i].value += 10;
     const RobustFit found = line.robust();
     EXPECT_LT(std::abs(found.values[0] - clean.values[0]), 0.3 * clean.standard_errors[0]) << i;
@@ -46,7 +46,7 @@ TEST(RobustFit, OneReadingTenSigmasOffMovesItByLessThanAThirdOfAStandardError) {
 }
 
 TEST(RobustFit, MinimisesStudentsDevianceWithTheStandardErrorsOfItsInformation) {
-  Line line;
+  NoisyLine line;
   for (size_t i = 0; i < 48; i += 5) line.measurements[i].value += 4;
   const RobustFit found = line.robust();
   double gradient = 0, information = 0;
@@ -61,7 +61,7 @@ TEST(RobustFit, MinimisesStudentsDevianceWithTheStandardErrorsOfItsInformation) 
 }
 
 TEST(RobustFit, ASimulationThatFailsIsSaid) {
-  Line line;
+  NoisyLine line;
   const FitResult fitted = line.least_squares();
   line.protocol.fails = [](const Params&) { return "no equilibrium"; };
   EXPECT_THROW(robust_fit(line.protocol, line.measurements, line.free, fitted), InputError);

@@ -13,11 +13,11 @@ using namespace test;
 using nlohmann::json;
 namespace fs = std::filesystem;
 
-const std::string experiment = TAUT_SOURCE_DIR "/experiments/foam_point/experiment.toml";
+const std::string foam_point_toml = TAUT_SOURCE_DIR "/experiments/foam_point/experiment.toml";
 
 TEST(FoamPoint, FitsBothLawsAsItsReadmeSays) {
   const TemporaryFolder folder;
-  ASSERT_EQ(done_in(folder / "", {"fit", "--quiet", experiment, "--out", "run"}).code, 0);
+  ASSERT_EQ(done_in(folder / "", {"fit", "--quiet", foam_point_toml, "--out", "run"}).code, 0);
   const json run = json::parse(text_of(folder / "run/fit.json"));
   EXPECT_EQ(run["kind"], "material point");
   EXPECT_EQ(run["status"], "converged");
@@ -60,10 +60,10 @@ TEST(FoamPoint, FitsBothLawsAsItsReadmeSays) {
 TEST(FoamPoint, CheckSaysWhatItIsReplayPredictsItAndDrawSaysWhatToUse) {
   const TemporaryFolder folder;
   const std::string here = folder / "";
-  expect_holds(done_in(here, {"check", experiment}).out, {"12 readings, strains from -60 to -3 %"});
-  done_in(here, {"replay", experiment, "--out", "replay"});
+  expect_holds(done_in(here, {"check", foam_point_toml}).out, {"12 readings, strains from -60 to -3 %"});
+  done_in(here, {"replay", foam_point_toml, "--out", "replay"});
   expect_holds(text_of(folder / "replay/predictions.csv"), {"predicted_Pa"});
-  const Outcome draw = run_in(here, {"draw", experiment});
+  const Outcome draw = run_in(here, {"draw", foam_point_toml});
   EXPECT_EQ(draw.code, 2);
   expect_holds(draw.err, {"`taut fit`"});
 }

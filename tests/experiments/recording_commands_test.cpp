@@ -13,7 +13,7 @@ using namespace test;
 using nlohmann::json;
 namespace fs = std::filesystem;
 
-const std::string experiment = replaced(released_toml, "[4, 1]", "[3, 1]") + R"(
+const std::string measured_toml = replaced(released_toml, "[4, 1]", "[3, 1]") + R"(
 [bench]
 kind = "recordings"
 time = "time_s"
@@ -34,7 +34,7 @@ source = "a rumour"
 TEST(SlowRecordingCommands, WhatReplaySimulatesIsFittedBack) {
   const TemporaryFolder folder;
   const std::string here = folder / "";
-  folder.write("experiment.toml", experiment);
+  folder.write("experiment.toml", measured_toml);
   std::string csv = "time_s,tip_mm\n";
   for (int i = 0; i <= 60; ++i) csv += std::to_string(2e-3 * i) + ",0\n";
   folder.write("swing.csv", csv);
@@ -54,8 +54,8 @@ TEST(SlowRecordingCommands, WhatReplaySimulatesIsFittedBack) {
     csv += cells[3] + "," + std::to_string(1e3 * std::stod(cells[6])) + "\n";
   }
   folder.write("swing.csv", csv);
-  folder.write("experiment.toml", replaced(replaced(experiment, "\"200 kPa\"", "\"170 kPa\""), "stiffness = \"1 ms\"",
-                                           "stiffness = \"2 ms\""));
+  folder.write("experiment.toml", replaced(replaced(measured_toml, "\"200 kPa\"", "\"170 kPa\""),
+                                           "stiffness = \"1 ms\"", "stiffness = \"2 ms\""));
   expect_holds(done_in(here, {"check", "experiment.toml"}).out, {"61 samples from 0 s to 120 ms"});
   ASSERT_EQ(done_in(here, {"fit", "--quiet", "experiment.toml", "--out", "run"}).code, 0);
   const json run = json::parse(text_of(folder / "run/fit.json"));

@@ -5,15 +5,14 @@
 #include <cmath>
 
 #include "reports/report.hpp"
+#include "tests/support/message.hpp"
 #include "tests/support/run_records.hpp"
 
 // What the report says of a parameter fitted to each part of the readings alone.
 namespace taut {
 namespace {
 
-bool contains(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
+using test::contains;
 
 /// The push-puppet module with these values from the four retractions; the whole fit's is 61.3 kPa.
 RunRecord with_values(const std::vector<double>& values) {

@@ -18,6 +18,7 @@
 namespace taut {
 namespace {
 
+using test::contains;
 using test::expect_input_error;
 
 class ReportTest : public ::testing::Test {
@@ -62,10 +63,6 @@ class ReportTest : public ::testing::Test {
 
   std::filesystem::path folder_;
 };
-
-bool contains(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
 
 /// The values of an attribute wherever it stands, quotes taken off.
 std::vector<std::string> attributes(const std::string& html, const std::string& name) {

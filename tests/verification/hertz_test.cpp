@@ -14,7 +14,7 @@
 namespace taut::test {
 namespace {
 
-constexpr double R = 0.010, E = 5e4, nu = 0.3, pi = std::numbers::pi;
+constexpr double radius = 0.010, E_cylinder = 5e4, nu_cylinder = 0.3, pi = std::numbers::pi;
 
 struct Hertz {
   double force = 0;          ///< F' [N/m]
@@ -30,13 +30,13 @@ struct Hertz {
 Hertz press(double depth, double gap, int cells) {
   Mesh mesh = rectangle(graded(1, cells, 12), graded(1, 2 * cells / 3, 60), 1, "cylinder");
   map_vertices(mesh, [](const Eigen::VectorXd& s) -> Eigen::VectorXd {
-    const double angle = s[0] * pi / 3, bottom = R * (1 - std::cos(angle));
-    return Eigen::Vector2d(R * std::sin(angle), bottom + s[1] * (R - bottom));
+    const double angle = s[0] * pi / 3, bottom = radius * (1 - std::cos(angle));
+    return Eigen::Vector2d(radius * std::sin(angle), bottom + s[1] * (radius - bottom));
   });
   const double kappa = 3000;  // about p0, which then rests half a gap above the plane
   const std::vector<GroundLine> plane{{{0, -1.2 * gap}, {0, 1}}};
   SceneBuilder builder(mesh, Plane::strain, 1.0);
-  builder.add_solid("cylinder", "neo_hookean", {{"E", E}, {"nu", nu}});
+  builder.add_solid("cylinder", "neo_hookean", {{"E", E_cylinder}, {"nu", nu_cylinder}});
   builder.fix("xmin", {0});
   const int control = builder.declare({"lift", "v", "m", -1, 1, "of the upper face"}, 0.0);
   builder.prescribe("ymax", 1, control);
@@ -93,11 +93,12 @@ Hertz press(double depth, double gap, int cells) {
 }
 
 TEST(Hertz, HalfWidthAndPeakPressureOfACylinderOnAPlaneAreTheClosedFormWithinTwoPercent) {
-  const double modulus = E / (1 - nu * nu);
+  const double modulus = E_cylinder / (1 - nu_cylinder * nu_cylinder);
   for (const double depth : {60e-6, 150e-6}) {
     const Hertz found = press(depth, 1e-6, 96);
     ASSERT_EQ(found.report.status, SolveStatus::converged) << found.report.message();
-    const double a = std::sqrt(4 * found.force * R / (pi * modulus)), p0 = std::sqrt(found.force * modulus / (pi * R));
+    const double a = std::sqrt(4 * found.force * radius / (pi * modulus)),
+                 p0 = std::sqrt(found.force * modulus / (pi * radius));
     EXPECT_NEAR(found.half_width, a, 0.02 * a);
     EXPECT_NEAR(found.peak_pressure, p0, 0.02 * p0);
     EXPECT_LT(found.worst, 0.02);
