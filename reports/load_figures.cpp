@@ -308,13 +308,14 @@ std::string stiffness_caption(bool any_increment, bool any_plain, bool any_bound
 }
 
 /// A page with a panel for each channel; points are painted over curves.
-struct Sheet {
+struct LoadSheet {
   const Groups& groups;
   Grid grid;
   Page page;
   std::vector<Plots> curves, points;  ///< of each panel
 
-  Sheet(const RunRecord& record, const Groups& all, const std::vector<LegendEntry>& legend, const std::string& title)
+  LoadSheet(const RunRecord& record, const Groups& all, const std::vector<LegendEntry>& legend,
+            const std::string& title)
       : groups(all),
         grid(grid_of(legend, std::min<size_t>(groups.channels.size(), 3)).panels(groups.channels.size(), 330)),
         page(grid.page(title, record.title, record.simulated)),
@@ -398,7 +399,7 @@ std::optional<Drawing> force_displacement(const RunRecord& record) {
   const Groups groups = groups_of(record);
   const ReadingUnits units(record);
   const std::string title = "Force and " + (units.what() == "value" ? "readings" : units.what());
-  Sheet sheet(record, groups, legend_with_model(groups, {LegendEntry::bar_along_x, "± 1 σ of a reading"}), title);
+  LoadSheet sheet(record, groups, legend_with_model(groups, {LegendEntry::bar_along_x, "± 1 σ of a reading"}), title);
 
   std::string csv =
       units.heads(fmt::format("kind,channel,series,trial,load_N,{},{},{},{}\n", units.column(units.what()),
@@ -467,9 +468,9 @@ std::optional<Drawing> effective_stiffness(const RunRecord& record) {
     legend.push_back({LegendEntry::dashes, fmt::format("polynomial, degree {}", record.trend_degree)});
   }
   const bool increments = any_increment && !any_plain;
-  Sheet sheet(record, groups, legend,
-              increments ? "Effective stiffness: force per increment beyond self-weight"
-                         : "Effective stiffness: force per displacement");
+  LoadSheet sheet(record, groups, legend,
+                  increments ? "Effective stiffness: force per increment beyond self-weight"
+                             : "Effective stiffness: force per displacement");
 
   // One common axis; a long bar of one poor reading does not squeeze the rest. Where no reading is
   // better, the arrows make it.

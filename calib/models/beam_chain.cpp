@@ -9,13 +9,13 @@
 
 #include "sim/core/dense.hpp"
 #include "sim/core/jet.hpp"
+#include "sim/core/numbers.hpp"
 
 namespace taut {
 namespace {
 
 using Chain = BeamProtocol::Chain;
 
-constexpr double infinity = std::numeric_limits<double>::infinity();
 /// Width of the transition in which a lip begins to press [m]; a corner that presses at once would have a kink.
 constexpr double lip_smoothing = 2e-6;
 

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <map>
 #include <set>
 #include <tuple>
@@ -19,7 +18,6 @@
 namespace taut {
 namespace {
 
-constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr int most_solid_unknowns = 30000, most_coarse_unknowns = 20000;
 
 /// What stands for a row.

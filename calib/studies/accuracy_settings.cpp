@@ -3,13 +3,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 
 #include "calib/benches/bench.hpp"
 #include "calib/benches/recordings_bench.hpp"
 #include "calib/studies/accuracy.hpp"
 #include "calib/studies/discretisation.hpp"
 #include "sim/core/error.hpp"
+#include "sim/core/numbers.hpp"
 #include "sim/core/stopwatch.hpp"
 #include "sim/core/units.hpp"
 #include "sim/robots/simulate.hpp"
@@ -17,8 +17,6 @@
 
 namespace taut {
 namespace {
-
-constexpr double infinity = std::numeric_limits<double>::infinity();
 
 /// An element with its formulation, and how a legend calls it.
 struct Element {

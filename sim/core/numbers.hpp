@@ -5,5 +5,6 @@ namespace taut {
 
 /// What a number is while nobody knows it.
 inline constexpr double not_a_number = std::numeric_limits<double>::quiet_NaN();
+inline constexpr double infinity = std::numeric_limits<double>::infinity();
 
 }  // namespace taut

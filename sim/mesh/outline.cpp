@@ -10,29 +10,29 @@
 namespace taut {
 namespace {
 
-using Point = std::array<double, 2>;
+using PlanePoint = std::array<double, 2>;
 
-double cross(const Point& o, const Point& a, const Point& b) {
+double cross(const PlanePoint& o, const PlanePoint& a, const PlanePoint& b) {
   return (a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0]);
 }
 
-double distance(const Point& a, const Point& b) {
+double distance(const PlanePoint& a, const PlanePoint& b) {
   return std::hypot(b[0] - a[0], b[1] - a[1]);
 }
 
 /// Position of `p` along segment ab in (0, 1) when it lies within `tolerance` of its interior, else -1.
-double position_on(const Point& a, const Point& b, const Point& p, double tolerance) {
+double position_on(const PlanePoint& a, const PlanePoint& b, const PlanePoint& p, double tolerance) {
   const double length = distance(a, b);
   const double along = ((p[0] - a[0]) * (b[0] - a[0]) + (p[1] - a[1]) * (b[1] - a[1])) / (length * length);
   return along > 0.0 && along < 1.0 && std::abs(cross(a, b, p)) <= tolerance * length ? along : -1.0;
 }
 
-bool properly_cross(const Point& a, const Point& b, const Point& c, const Point& d) {
+bool properly_cross(const PlanePoint& a, const PlanePoint& b, const PlanePoint& c, const PlanePoint& d) {
   const auto opposite = [](double s, double t) { return (s < 0.0 && t > 0.0) || (s > 0.0 && t < 0.0); };
   return opposite(cross(a, b, c), cross(a, b, d)) && opposite(cross(c, d, a), cross(c, d, b));
 }
 
-std::string in_mm(const Point& p) {
+std::string in_mm(const PlanePoint& p) {
   return fmt::format("({:.6g}, {:.6g}) mm", 1e3 * p[0], 1e3 * p[1]);
 }
 
@@ -53,7 +53,7 @@ class Builder {
  private:
   std::string name(size_t k) const { return fmt::format("polygon {} (region '{}')", k, polygons_[k].region); }
   int vertex(size_t k, size_t i) const { return vertices_[k][i % vertices_[k].size()]; }
-  const Point& at(size_t k, size_t i) const { return outline_.points[vertex(k, i)]; }
+  const PlanePoint& at(size_t k, size_t i) const { return outline_.points[vertex(k, i)]; }
 
   void check_definitions() const {
     if (polygons_.empty()) throw InputError("no polygons to mesh; give at least one");
@@ -76,10 +76,10 @@ class Builder {
   }
 
   void measure() {
-    Point lower = polygons_[0].vertices[0];
-    Point upper = lower;
+    PlanePoint lower = polygons_[0].vertices[0];
+    PlanePoint upper = lower;
     for (const PolygonRegion& polygon : polygons_) {
-      for (const Point& p : polygon.vertices) {
+      for (const PlanePoint& p : polygon.vertices) {
         for (size_t i = 0; i < 2; ++i) {
           lower[i] = std::min(lower[i], p[i]);
           upper[i] = std::max(upper[i], p[i]);
@@ -95,9 +95,9 @@ class Builder {
   void join_points() {
     for (const PolygonRegion& polygon : polygons_) {
       vertices_.emplace_back();
-      for (const Point& p : polygon.vertices) {
+      for (const PlanePoint& p : polygon.vertices) {
         const auto found = std::find_if(outline_.points.begin(), outline_.points.end(),
-                                        [&](const Point& q) { return distance(p, q) <= tolerance_; });
+                                        [&](const PlanePoint& q) { return distance(p, q) <= tolerance_; });
         vertices_.back().push_back(static_cast<int>(found - outline_.points.begin()));
         if (found == outline_.points.end()) outline_.points.push_back(p);
       }
@@ -183,22 +183,22 @@ class Builder {
     if (std::find(lines.begin(), lines.end(), line) == lines.end()) lines.push_back(line);
   }
 
-  const Point& end(int signed_line, size_t which) const {
+  const PlanePoint& end(int signed_line, size_t which) const {
     return outline_.points[outline_.lines[std::abs(signed_line) - 1][which]];
   }
 
-  bool contains(size_t k, const Point& p) const {
+  bool contains(size_t k, const PlanePoint& p) const {
     bool inside = false;
     for (size_t i = 0; i < vertices_[k].size(); ++i) {
-      const Point& a = at(k, i);
-      const Point& b = at(k, i + 1);
+      const PlanePoint& a = at(k, i);
+      const PlanePoint& b = at(k, i + 1);
       if ((a[1] > p[1]) != (b[1] > p[1]) && p[0] < a[0] + (b[0] - a[0]) * (p[1] - a[1]) / (b[1] - a[1]))
         inside = !inside;
     }
     return inside;
   }
 
-  [[noreturn]] void overlap(size_t k, size_t m, const Point& where) const {
+  [[noreturn]] void overlap(size_t k, size_t m, const PlanePoint& where) const {
     throw InputError(
         fmt::format("{} and {} overlap near {}; polygons may only share edges", name(k), name(m), in_mm(where)));
   }
@@ -211,9 +211,9 @@ class Builder {
         if (k == m) continue;
         const std::vector<int>& other = outline_.loops[m];
         for (int line : outline_.loops[k]) {
-          const Point& a = end(line, 0);
-          const Point& b = end(line, 1);
-          const Point middle{0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])};
+          const PlanePoint& a = end(line, 0);
+          const PlanePoint& b = end(line, 1);
+          const PlanePoint middle{0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])};
           if (std::find(other.begin(), other.end(), line) != other.end()) overlap(k, m, middle);
           if (std::find(other.begin(), other.end(), -line) != other.end()) continue;
           for (int crossing : other) {

@@ -8,11 +8,11 @@
 #include <utility>
 
 #include "sim/core/dense.hpp"
+#include "sim/core/numbers.hpp"
 
 namespace taut {
 namespace {
 
-constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr double epsilon = std::numeric_limits<double>::epsilon();
 
 double largest(const Eigen::VectorXd& v) {

@@ -1,9 +1,9 @@
 #pragma once
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "sim/core/dense.hpp"
+#include "sim/core/numbers.hpp"
 #include "sim/terms/region_term.hpp"
 #include "sim/terms/solid.hpp"
 
@@ -78,7 +78,6 @@ class Solid final : public RegionTerm<ElementGeometry<S>> {
 
  private:
   using RegionTerm<Geometry>::elements_;
-  static constexpr double infinity = std::numeric_limits<double>::infinity();
 
   bool averages() const { return definition_.formulation == Formulation::locking_free; }
   double thickness(const Params& p) const { return definition_.thickness < 0 ? 1.0 : p[definition_.thickness]; }
