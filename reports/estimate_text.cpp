@@ -79,6 +79,41 @@ std::string look_first(const RunRecord& record) {
   return text;
 }
 
+std::vector<std::string> spread_over_sets(const RunRecord& record) {
+  std::vector<std::string> sentences;
+  for (size_t p = 0; p < record.fit.parameters.size(); ++p) {
+    const ParameterEstimate& e = record.fit.parameters[p];
+    double low = e.value, high = e.value;
+    int sets = 1;
+    for (const VariantRecord& variant : record.variants) {
+      if (variant.further.empty() || p >= variant.values.size()) continue;
+      ++sets;
+      low = std::min(low, variant.values[p]);
+      high = std::max(high, variant.values[p]);
+    }
+    if (sets < 2) continue;
+    const std::string range =
+        fmt::format("{} to {} over {} sets of free parameters, standard error {}", with_unit(low, e.spec.unit),
+                    with_unit(high, e.spec.unit), sets, with_unit(e.standard_error, e.spec.unit, 2));
+    sentences.push_back(
+        high - low > 2 * e.standard_error
+            ? fmt::format("{}: {}; which set is right limits it more than the noise does", e.spec.id, range)
+            : fmt::format("{}: {}", e.spec.id, range));
+  }
+  return sentences;
+}
+
+std::string further_text(const VariantRecord& variant) {
+  std::vector<std::string> texts;
+  for (const FurtherRecord& one : variant.further) {
+    const DisplayUnit unit = display_unit(std::max(std::abs(one.value), one.standard_error), one.unit);
+    texts.push_back(fmt::format("{} = {:.3g} ± {:.2g}{}", one.id, one.value / unit.factor,
+                                one.standard_error / unit.factor, unit.name == "1" ? "" : " " + unit.name));
+    if (one.verdict != name_of(Verdict::well_determined)) texts.back() += fmt::format(" ({})", one.verdict);
+  }
+  return join(texts);
+}
+
 std::string held_out_verdict(const RunRecord& record) {
   std::vector<std::string> odd;
   for (const HeldOut& part : record.held_out) {

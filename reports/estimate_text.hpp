@@ -31,7 +31,12 @@ std::string parameters_with(const RunRecord& record, const Explanation& explanat
 std::string cannot_be_told_from(const Explanation& explanation);
 /// Whether the readings of each part are what the others predict, a sentence without its full stop.
 std::string held_out_verdict(const RunRecord& record);
-/// The same with a line for each part; "": there are none.
+/// What limits parameters that further free ones move by more than their standard errors: "E_arm: 318 kPa to 640 kPa
+/// over 5 sets of free parameters, standard error 4 kPa", a sentence each.
+std::vector<std::string> spread_over_sets(const RunRecord& record);
+/// "turn_x = -1.9 ± 0.3°, foot_m129 = 9 ± 1 mm": what a variant frees besides.
+std::string further_text(const VariantRecord& variant);
+/// held_out_verdict() with a line for each part; "": there are none.
 std::string held_out_text(const RunRecord& record);
 /// "line 40 (tip): 38.50 mm, 10.2 sigmas off 3.850 mm": readings that the robust fit sets aside; "": none.
 std::string robust_outliers(const RunRecord& record);

@@ -19,7 +19,7 @@ using Points = std::map<size_t, std::vector<double>>;
 struct Group {
   std::string channel, series, colour;
   size_t panel = 0;  ///< one per channel
-  double sign = 1;   ///< that makes the mean reading positive
+  double sign = 1;   ///< that makes the mean reading positive; of positions 1
   std::vector<size_t> readings;
   const CurveRecord* curve = nullptr;
 };
@@ -58,7 +58,8 @@ Groups groups_of(const RunRecord& record, std::optional<Quantity> quantity = std
   for (Group& group : groups.all) {
     std::vector<std::string>& coloured = groups.series.size() > 1 ? groups.series : groups.channels;
     group.colour = colour(place_in(coloured, groups.series.size() > 1 ? group.series : group.channel));
-    group.sign = sum[group.panel] < 0 ? -1 : 1;
+    const bool place = channel_axis(record, group.channel).label == "position";
+    group.sign = sum[group.panel] < 0 && !place ? -1 : 1;
     for (const CurveRecord& curve : record.curves) {
       if (curve.channel == group.channel && curve.series == group.series) group.curve = &curve;
     }
@@ -439,15 +440,15 @@ std::optional<Drawing> force_displacement(const RunRecord& record) {
                axis_over(loads, sheet.grid.leftmost(c) ? load_axis_label(record) : "", 6, true));
   }
   const std::string caption = fmt::format(
-      "Every reading is a point at the magnitude of its {}; the bars are one standard deviation to either "
+      "Every reading is a point at {}its {}; the bars are one standard deviation to either "
       "side. The line is the fitted model, the band around it the 95 % interval of the curve (often "
       "thinner than the line). A good fit passes through the points within about two bars.",
-      units.what());
+      units.what() == "position" ? "" : "the magnitude of ", units.what());
   return Drawing{{"force_displacement", title, caption}, csv, sheet.page};
 }
 
 std::optional<Drawing> effective_stiffness(const RunRecord& record) {
-  if (!has_loads(record)) return std::nullopt;
+  if (!has_loads(record) || record.by_tension) return std::nullopt;
   const Groups groups = groups_of(record, Quantity::length);
   StiffnessNumbers numbers;
   numbers.csv =

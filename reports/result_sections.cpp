@@ -25,6 +25,7 @@ std::string differences(const RunRecord& record, size_t p) {
   std::string out;
   std::vector<double> changes;
   for (const VariantRecord& variant : record.variants) {
+    if (!variant.further.empty()) continue;
     const double change = p < variant.values.size() ? variant.values[p] / estimate.value - 1 : NAN;
     if (std::isfinite(change)) changes.push_back(change);
   }
@@ -86,8 +87,42 @@ std::string share_table(const RunRecord& record) {
              "by 1 %: its tolerance is not stated; write it into the experiment, \"17.0 mm +- 0.1 mm\".");
 }
 
+/// What each set of further free parameters buys, and what it does to the others.
+std::string evidence_table(const RunRecord& record) {
+  std::vector<VariantRecord> all = record.variants;
+  std::erase_if(all, [](const VariantRecord& variant) { return variant.further.empty(); });
+  if (all.empty()) return "";
+  all.insert(all.begin(), record.main);
+  const std::vector<ParameterEstimate>& parameters = record.fit.parameters;
+  Cells header = {"Fit", "#Free", "#Chi squared", "#AIC, less this fit's"};
+  for (const ParameterEstimate& estimate : parameters) header.push_back("#" + estimate.spec.id);
+  for (const MarkerMisfit& misfit : record.main.markers) header.push_back("#" + misfit.marker);
+  header.push_back("Further");
+  const auto row_of = [&](const VariantRecord& fit) {
+    Cells row = {fit.name, std::to_string(parameters.size() + fit.further.size()), bare_number(fit.chi_squared),
+                 fmt::format("{:+.1f}", fit.aic() - record.main.aic())};
+    for (size_t p = 0; p < parameters.size(); ++p) {
+      const Shown shown(parameters[p]);
+      row.push_back(p < fit.values.size()
+                        ? shown.number(fit.values[p]) + " ± " + shown.with_unit(fit.standard_errors[p])
+                        : fit.status);
+    }
+    for (const MarkerMisfit& misfit : fit.markers) row.push_back(fmt::format("{:.1f} mm", 1e3 * misfit.rms));
+    row.resize(header.size() - 1);
+    row.push_back(further_text(fit));
+    return row;
+  };
+  const std::vector<std::string> limits = spread_over_sets(record);
+  std::string text =
+      "AIC is chi squared and twice the number of free parameters: the readings ask for what makes it smaller by more "
+      "than about 10, and tell nothing of what makes it larger.";
+  if (!record.main.markers.empty())
+    text += " Under a marker's name stands how far its predicted places are from the measured ones (root mean square).";
+  return "<h2>What further parameters buy</h2>\n" + table(header, rows_of(all, row_of)) + paragraph(text) +
+         html::list(limits);
+}
+
 std::string variant_table(const RunRecord& record) {
-  if (record.variants.empty()) return "";
   const std::vector<ParameterEstimate>& parameters = record.fit.parameters;
   const bool point = over_strain(record);  // variants are other laws or fewer readings
   Cells header = {"Fit", point ? "Law and modes" : "Mesh", point ? "#Readings" : "#Unknowns"};
@@ -95,6 +130,8 @@ std::string variant_table(const RunRecord& record) {
     header.insert(header.end(), {"#" + estimate.spec.id + " ± standard error", "#Change"});
   header.insert(header.end(), {"#Chi squared", "#Time", "Status"});
   std::vector<VariantRecord> all = record.variants;
+  std::erase_if(all, [](const VariantRecord& variant) { return !variant.further.empty(); });
+  if (all.empty()) return "";
   VariantRecord& main = *all.insert(all.begin(), record.main);
   if (main.name != "this fit") main.name += " (this fit)";
   for (size_t p = 0; record.main.values.empty() && p < parameters.size(); ++p) {
@@ -212,7 +249,7 @@ std::optional<Section> fitted_parameters(const RunRecord& record) {
 }
 
 std::optional<Section> variants_and_references(const RunRecord& record) {
-  return with_figure(variant_table(record) + reference_table(record), plot::variants(record));
+  return with_figure(evidence_table(record) + variant_table(record) + reference_table(record), plot::variants(record));
 }
 
 std::optional<Section> correlations(const RunRecord& record) {

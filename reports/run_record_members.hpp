@@ -73,6 +73,19 @@ void describe(auto&& a, LackOfFit& lack) {
   a("p_value", lack.p_value);
 }
 
+void describe(auto&& a, FurtherRecord& further) {
+  a("id", further.id);
+  a("unit", further.unit);
+  a("value", further.value);
+  a("standard_error", further.standard_error);
+  a("verdict", further.verdict);
+}
+
+void describe(auto&& a, MarkerMisfit& misfit) {
+  a("marker", misfit.marker);
+  a("rms", misfit.rms);
+}
+
 void describe(auto&& a, VariantRecord& variant) {
   a("name", variant.name);
   a("mesh", variant.mesh);
@@ -82,6 +95,8 @@ void describe(auto&& a, VariantRecord& variant) {
   a("standard_errors", variant.standard_errors);
   a("chi_squared", variant.chi_squared);
   a("seconds", variant.seconds);
+  if (a.there("further", !variant.further.empty())) a("further", variant.further);
+  if (a.there("markers", !variant.markers.empty())) a("markers", variant.markers);
 }
 
 void describe(auto&& a, DiagnosticRecord& diagnostic) {
@@ -280,6 +295,7 @@ void describe(auto&& a, RunRecord& record) {
   if (a.there("channels")) a("channels", record.channels);
   a["load"]("label", record.load_label);
   a["load"]("control", record.load_control);
+  if (a["load"].there("by_tension", record.by_tension)) a["load"]("by_tension", record.by_tension);
   a["load"]["control"].need(record.load_control < static_cast<int>(record.controls.size()),
                             "the index of a control, or -1");
   describe_readings(a["readings"], record);

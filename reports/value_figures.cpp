@@ -98,8 +98,13 @@ std::vector<Values> compared(const RunRecord& record) {
     for (const VariantRecord& v : record.variants) {
       const auto at = [&](const std::vector<double>& values) { return p < values.size() ? values[p] : std::nan(""); };
       const double value = at(v.values);
-      panel.rows.push_back(
-          {variant, v.name + (std::isfinite(value) ? "" : " (no result)"), value, at(v.standard_errors)});
+      const bool tied = std::ranges::any_of(
+          v.further, [](const FurtherRecord& one) { return one.verdict == name_of(Verdict::tied); });
+      panel.rows.push_back({variant,
+                            v.name + (!std::isfinite(value) ? " (no result)"
+                                      : tied                ? " (tied)"
+                                                            : ""),
+                            value, at(v.standard_errors)});
     }
     for (const ReferenceRecord& r : record.references) {
       if (r.parameter == estimate.spec.id) panel.rows.push_back({reference, r.source, r.value, 0});
@@ -116,21 +121,29 @@ std::optional<Drawing> variants(const RunRecord& record) {
   if (over_strain(record)) return std::nullopt;
   const std::vector<Values> panels = compared(record);
   if (panels.empty()) return std::nullopt;
+  const bool further = std::ranges::any_of(record.variants, [](const auto& one) { return !one.further.empty(); });
+  const std::string other = further ? "other free parameters" : "other mesh";
+  const std::string effect = further ? "Effect of further free parameters" : "Effect of the mesh";
   const bool meshes = !record.variants.empty(), references = !record.references.empty();
   std::vector<LegendEntry> legend = {{LegendEntry::point, "this fit", colour(0), 7}};
-  if (meshes) legend.push_back({LegendEntry::point, "other mesh", colour(2), 6});
+  if (meshes) legend.push_back({LegendEntry::point, other, colour(2), 6});
   legend.push_back({LegendEntry::bar_along_x, "± 1 standard error"});
   if (references) legend.push_back({LegendEntry::point, "reference value", colour(1), 13});
-  const std::string title = !references ? "Effect of the mesh"
+  const std::string title = !references ? effect
                             : !meshes   ? "This fit and reference values"
-                                        : "Effect of the mesh, and reference values";
+                                        : effect + ", and reference values";
   std::string csv = "parameter,unit,kind,name,value,standard_error\n";
   for (const auto& [estimate, rows, interval] : panels) {
     for (const Value& row : rows)
       csv += line(estimate->spec.id, estimate->spec.unit, kLooks[row.kind].kind, row.name, row.value, row.bar);
   }
   std::string caption;
-  if (meshes) {
+  if (further) {
+    caption =
+        "The same fit with further free parameters (open circles) beside this one (filled circle). If the circles move "
+        "by "
+        "more than their bars, which parameters are free is part of the number and must be told with it.";
+  } else if (meshes) {
     caption =
         "The same fit with other elements and meshes (open circles) beside this one (filled circle). If the circles "
         "move by more than their bars, the mesh is part of the number and must be told with it.";

@@ -3,7 +3,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <map>
+#include <set>
 
 #include "calib/benches/corners.hpp"
 #include "calib/benches/model.hpp"
@@ -31,6 +34,17 @@ void add_lengths(const Experiment& experiment, std::vector<Dimension>& dimension
              edit_key(other, k, [&](const ShapeKey& key) { *std::get<double*>(key.value) = length; });
            }});
     }
+    if (const auto* list = std::get_if<LengthList*>(&keys[k].value); list != nullptr) {
+      for (size_t i = 0; i < (*list)->values.size(); ++i) {
+        const double length = (*list)->values[i];
+        if (length == 0) continue;
+        dimensions.push_back(
+            {spec_of(fmt::format("{}_{}", name, i + 1), length, fmt::format("{}, number {}", keys[k].meaning, i + 1)),
+             fmt::format("geometry.{}.{}", name, i + 1), length, [k, i](Experiment& other, double to) {
+               edit_key(other, k, [&](const ShapeKey& key) { std::get<LengthList*>(key.value)->values[i] = to; });
+             }});
+      }
+    }
     if (name != "size") continue;
     if (const auto* sizes = std::get_if<std::vector<double>*>(&keys[k].value); sizes != nullptr) {
       for (size_t axis = 0; axis < (*sizes)->size(); ++axis) {
@@ -46,6 +60,111 @@ void add_lengths(const Experiment& experiment, std::vector<Dimension>& dimension
   }
 }
 
+/// A number of the setup that the mesh does not depend on: a reach to either side of its value.
+void add_free_of_mesh(const std::string& id, std::string_view meaning, const std::string& place, double value,
+                      double reach, std::string_view unit, std::function<void(Experiment&, double)> set,
+                      std::vector<Dimension>& dimensions) {
+  dimensions.push_back({{id, id, std::string(unit), value - reach, value + reach, std::string(meaning)},
+                        place,
+                        value,
+                        std::move(set),
+                        [](const Mesh& mesh) { return Eigen::VectorXd::Zero(mesh.X.size()).eval(); }});
+}
+
+/// Ends, offsets and angles of eyelets beside the axis: "cable_offset" of all that share one, "offset_<id>" of others.
+void add_eyelets(const Experiment& experiment, std::vector<Dimension>& dimensions) {
+  const auto shared = experiment.cables.line;
+  struct Part {
+    std::string_view name, meaning, key;
+    double EyeletLine::*member;
+  };
+  static constexpr std::array<Part, 5> parts{
+      {{"start", "place along the axis where it begins", "along.1", &EyeletLine::start},
+       {"end", "place along the axis where it ends", "along.2", &EyeletLine::end},
+       {"offset", "distance from the axis where it begins", "offset.1", &EyeletLine::offset},
+       {"end_offset", "distance from the axis where it ends", "offset.2", &EyeletLine::end_offset},
+       {"angle", "angle about the axis", "angle", &EyeletLine::angle}}};
+  for (const auto& [name, meaning, key, member] : parts) {
+    const bool angle = key == "angle";
+    const double reach = angle ? M_PI : std::max(experiment.geometry.shape->axis()->length, 1e-9);
+    const auto is_shared = [&, member = member](const CableSettings& cable) {
+      return shared && cable.line && (*cable.line).*member == (*shared).*member;
+    };
+    const auto& cables = experiment.cables.cables;
+    if (std::ranges::any_of(cables, is_shared))
+      add_free_of_mesh(
+          fmt::format("cable_{}", name), fmt::format("cables: {}", meaning), fmt::format("cables.{}", key),
+          (*shared).*member, reach, angle ? "rad" : "m",
+          [member = member](Experiment& other, double value) {
+            const double before = (*other.cables.line).*member;
+            for (CableSettings& cable : other.cables.cables) {
+              if (cable.line && (*cable.line).*member == before) (*cable.line).*member = value;
+            }
+            (*other.cables.line).*member = value;
+          },
+          dimensions);
+    for (size_t c = 0; c < cables.size(); ++c) {
+      if (!cables[c].line || is_shared(cables[c])) continue;
+      add_free_of_mesh(
+          fmt::format("{}_{}", name, cables[c].id), fmt::format("cable {}: {}", cables[c].id, meaning),
+          fmt::format("cables.cable.{}.{}", cables[c].id, key), (*cables[c].line).*member, reach, angle ? "rad" : "m",
+          [c, member = member](Experiment& other, double value) { (*other.cables.cables[c].line).*member = value; },
+          dimensions);
+    }
+  }
+}
+
+/// The foot and the stand-off of each marker: "foot_<id>", "standoff_<id>", which stretches it.
+void add_markers(const Experiment& experiment, std::vector<Dimension>& dimensions) {
+  std::set<std::string> seen;
+  for (const ChannelSettings& channel : experiment.channels) {
+    if (!channel.foot || !seen.insert(channel.marker).second) continue;
+    const std::string& id = channel.marker;
+    const auto each = [id](Experiment& other, const auto& change) {
+      for (ChannelSettings& one : other.channels) {
+        if (one.marker == id) change(one);
+      }
+    };
+    add_free_of_mesh(
+        "foot_" + id, fmt::format("place of marker {} along the axis", id), "marker." + id + ".s", *channel.foot,
+        experiment.geometry.shape->axis()->length, "m",
+        [each](Experiment& other, double value) { each(other, [&](ChannelSettings& one) { one.foot = value; }); },
+        dimensions);
+    if (channel.standoff.empty()) continue;
+    const double length = vector_of(channel.standoff).norm();
+    add_free_of_mesh(
+        "standoff_" + id, fmt::format("length of the stand-off of marker {}", id), "marker." + id + ".standoff", length,
+        length, "m",
+        [each, from = channel.standoff, length](Experiment& other, double value) {
+          each(other, [&](ChannelSettings& one) {
+            for (size_t k = 0; k < from.size(); ++k) one.standoff[k] = value / length * from[k];
+          });
+        },
+        dimensions);
+  }
+}
+
+/// How a body stands: "turn_x" and so on, about axes through its own origin, and "shift_x".
+void add_pose(const Experiment& experiment, std::vector<Dimension>& dimensions) {
+  if (experiment.geometry.dimension != 3 || experiment.mesh.depth_cells > 0) return;
+  for (size_t k = 0; k < 3; ++k) {
+    const char name = "xyz"[k];
+    const auto entry = [k](std::vector<double>& values) -> double& {
+      values.resize(3, 0.0);
+      return values[k];
+    };
+    const auto value_in = [k](const std::vector<double>& values) { return values.empty() ? 0.0 : values[k]; };
+    add_free_of_mesh(
+        fmt::format("turn_{}", name), fmt::format("turn of the base about {}", name),
+        fmt::format("base.turn.{}", k + 1), value_in(experiment.base_turn), M_PI, "rad",
+        [entry](Experiment& other, double value) { entry(other.base_turn) = value; }, dimensions);
+    add_free_of_mesh(
+        fmt::format("shift_{}", name), fmt::format("place of the base along {}", name),
+        fmt::format("base.at.{}", k + 1), value_in(experiment.base_at), 1.0, "m",
+        [entry](Experiment& other, double value) { entry(other.base_at) = value; }, dimensions);
+  }
+}
+
 /// The default, and what it may be off by from the equator (9.780) to the poles (9.832 m/s2).
 constexpr double standard_gravity = 9.81, gravity_on_earth = 0.03;
 
@@ -56,7 +175,6 @@ std::string id_at(const std::string& place) {
   const size_t last = place.rfind('.'), first = place.find('.');
   if (place.starts_with("materials.") && last > first)
     return place.substr(last + 1) + "_" + place.substr(first + 1, last - first - 1);
-  if (place.starts_with("geometry.size.")) return fmt::format("size_{}", "xyz"[(place[last + 1] - '1') % 3]);
   return place.substr(last + 1);
 }
 
@@ -70,16 +188,17 @@ std::map<std::string, Tolerance> tolerances_by_id(const Experiment& experiment, 
                                                   const std::vector<Dimension>& dimensions) {
   std::map<std::string, Tolerance> found;
   for (const auto& [place, tolerance] : experiment.tolerances) {
-    const auto found_dimension = std::ranges::find(dimensions, place, &Dimension::place);
-    const bool dimension = found_dimension != dimensions.end();
-    const std::string id = dimension ? found_dimension->spec.id : id_at(place);
+    const auto dimension = std::ranges::find(dimensions, place, &Dimension::place);
+    const std::string id = dimension != dimensions.end() ? dimension->spec.id : id_at(place);
     const bool known = table.contains(id) && (place.starts_with("materials.") || place.starts_with("cables.") ||
                                               place == "geometry.thickness" || place == "gravity.acceleration");
-    if (!dimension && !known)
-      throw InputError(tolerance.where +
-                       ": a tolerance has no effect here; allowed: lengths in [geometry] that are not zero, corners of "
-                       "boxes and polygons, constants in "
-                       "[materials.NAME], k and slack in [cables], and [bench.tolerance] for what the bench sets");
+    if (dimension == dimensions.end() && !known)
+      throw InputError(
+          tolerance.where +
+          ": a tolerance has no effect here; allowed: lengths in [geometry] that are not zero, corners of boxes and "
+          "polygons, constants in [materials.NAME], k, slack and eyelets in [cables], places of a [[marker]], [base], "
+          "and "
+          "[bench.tolerance] for what the bench sets");
     if (is_fitted(experiment, id))
       throw InputError(
           fmt::format("{}: {} is fitted ([fit.free.{}]), so that its tolerance has no effect; leave either "
@@ -115,6 +234,9 @@ std::vector<Dimension> dimensions_of(const Experiment& experiment) {
                           "geometry.thickness", experiment.geometry.thickness,
                           [](Experiment& other, double length) { other.geometry.thickness = length; }});
   }
+  add_eyelets(experiment, dimensions);
+  add_markers(experiment, dimensions);
+  add_pose(experiment, dimensions);
   return dimensions;
 }
 
@@ -144,6 +266,30 @@ std::vector<Assumption> assumptions_of(const Experiment& experiment, const Param
     if (!is_fitted(experiment, dimension.spec.id)) add(dimension.spec, dimension.value);
   }
   return assumptions;
+}
+
+void declare(const Dimension& dimension, ParameterTable& table, Params& nominal) {
+  table.declare(dimension.spec);
+  nominal.conservativeResize(nominal.size() + 1);
+  nominal[nominal.size() - 1] = dimension.value;
+}
+
+Params DimensionedModel::values_of(const FitResult& fit) const {
+  Params p = protocol->nominal();
+  const Eigen::Index own = p.size() - static_cast<Eigen::Index>(dimensions.size());
+  p.head(own) = fit.p.head(own);
+  for (const ParameterEstimate& e : fit.parameters) p[protocol->parameters().index(e.spec.id)] = e.value;
+  return p;
+}
+
+DimensionedModel dimensioned(const Experiment& experiment, const Trials& trials) {
+  auto protocol = std::make_unique<DimensionedProtocol>(experiment, trials, dimensions_of(experiment));
+  DimensionedModel model;
+  static_cast<BenchRows&>(model) = protocol->replay();
+  model.dimensions = protocol->dimensions();
+  model.left_out = protocol->left_out();
+  model.protocol = std::move(protocol);
+  return model;
 }
 
 std::vector<Dimension> free_dimensions(const Experiment& experiment) {
@@ -185,10 +331,12 @@ void DimensionedProtocol::add(const Dimension& dimension) {
     left_out_.push_back(fmt::format("{}: {}", dimension.spec.id, error.what()));
     return;
   }
-  table_.declare(dimension.spec);
-  nominal_.conservativeResize(nominal_.size() + 1);
-  nominal_[nominal_.size() - 1] = dimension.value;
+  declare(dimension, table_, nominal_);
   dimensions_.push_back(dimension);
+}
+
+double DimensionedProtocol::step_of(size_t dimension) const {
+  return dimensions_[dimension].spec.unit == "rad" ? 1e-8 : step_;
 }
 
 StaticReplay DimensionedProtocol::replay_at(const Eigen::VectorXd& lengths) const {
@@ -217,7 +365,8 @@ void DimensionedProtocol::move_to(const Eigen::VectorXd& lengths) {
 
 const DimensionedProtocol::Sides& DimensionedProtocol::sides_of(size_t dimension) {
   Sides& sides = sides_[dimension];
-  for (auto& [side, change] : {std::pair{&sides.less, -step_}, std::pair{&sides.more, step_}}) {
+  const double step = step_of(dimension);
+  for (auto& [side, change] : {std::pair{&sides.less, -step}, std::pair{&sides.more, step}}) {
     if (*side) continue;
     Eigen::VectorXd lengths = lengths_;
     lengths[static_cast<Eigen::Index>(dimension)] += change;
@@ -236,8 +385,9 @@ Prediction DimensionedProtocol::predict(const Params& p, const std::vector<int>&
       if (index < own) {
         of_model.push_back(index);
       } else {
-        const Sides& sides = sides_of(static_cast<size_t>(index - own));
-        neighbours.push_back({sides.less.get(), sides.more.get(), 2 * step_});
+        const size_t dimension = static_cast<size_t>(index - own);
+        const Sides& sides = sides_of(dimension);
+        neighbours.push_back({sides.less.get(), sides.more.get(), 2 * step_of(dimension)});
       }
     }
   } catch (const InputError& error) {  // dimensions that are none together cost this prediction
@@ -295,13 +445,6 @@ void DimensionedProtocol::follow(const Params& at, const std::vector<int>& rows)
 
 int DimensionedProtocol::newton_iterations() const {
   return newton_iterations_ + replay_.protocol->newton_iterations();
-}
-
-Params DimensionedProtocol::values_of(const FitResult& fit) const {
-  Params p = nominal_;
-  p.head(own_count()) = fit.p.head(own_count());
-  for (const ParameterEstimate& estimate : fit.parameters) p[table_.index(estimate.spec.id)] = estimate.value;
-  return p;
 }
 
 }  // namespace taut

@@ -4,25 +4,15 @@
 #include <string>
 #include <vector>
 
+#include "calib/benches/dimension.hpp"
 #include "calib/benches/static_replay.hpp"
 #include "sim/mesh/mesh.hpp"
 
 namespace taut {
 
-/// A length of a specimen, from which the model is built and for which it has no parameter.
-struct Dimension {
-  ParameterSpec spec;  ///< id "gap_total", "size_x"
-  std::string place;   ///< in the file: "geometry.gap_total", "geometry.size.1"
-  double value = 0;    ///< [m]
-  std::function<void(Experiment& experiment, double value)> set;
-  /// How the nodes of the experiment's mesh go with it, dX/dvalue; empty: as meshes of a little more and less tell.
-  /// Throws InputError where they cannot.
-  std::function<Eigen::VectorXd(const Mesh& mesh)> moves = {};
-};
-
-/// All of an experiment that are not zero: lengths of its shape, and the thickness of a solid. Corners of boxes and
-/// polygons are some where they have a tolerance or are fitted (corners.hpp); nothing of a mesh that is read from a
-/// file.
+/// All of an experiment: lengths of its shape that are not zero, the thickness of a solid, places of eyelets beside the
+/// axis and of markers on it, and how a body in space stands ("turn_x", "shift_x"). Corners of boxes and polygons are
+/// some where they have a tolerance or are fitted (corners.hpp); nothing of a mesh that is read from a file.
 std::vector<Dimension> dimensions_of(const Experiment& experiment);
 
 /// A number that a fit of readings at rest takes for granted: a dimension, a constant that is not fitted, the scale or
@@ -42,6 +32,21 @@ std::vector<Assumption> assumptions_of(const Experiment& experiment, const Param
 
 /// Those of its dimensions that an experiment fits: [fit.free.gap_total].
 std::vector<Dimension> free_dimensions(const Experiment& experiment);
+
+/// Puts a dimension behind the parameters of a model, with the file's value.
+void declare(const Dimension& dimension, ParameterTable& table, Params& nominal);
+
+/// The rows of an experiment by a model whose dimensions are parameters, too, behind its own.
+struct DimensionedModel : BenchRows {
+  std::unique_ptr<Protocol> protocol;
+  std::vector<Dimension> dimensions;
+  std::vector<std::string> left_out;  ///< "gap_total: why"
+
+  /// What a fit of the model without some of the dimensions found, and these as the file has them.
+  Params values_of(const FitResult& fit) const;
+};
+/// All dimensions of an experiment in the full model. Throws InputError as make_static_replay() does.
+DimensionedModel dimensioned(const Experiment& experiment, const Trials& trials);
 
 /// The rows of an experiment's own protocol, with dimensions as further parameters behind those of the model. The mesh
 /// keeps its elements and moves with the dimensions: X = X0 + sum_k (L_k - L_k0) dX/dL_k, dX/dL_k from meshes of a
@@ -72,13 +77,12 @@ class DimensionedProtocol final : public Protocol {
   const StaticReplay& replay() const { return replay_; }
   const std::vector<Dimension>& dimensions() const { return dimensions_; }  ///< behind the model's own parameters
   const std::vector<std::string>& left_out() const { return left_out_; }    ///< "gap_total: why"
-  /// What a fit found, with dimensions that it did not fit as the file has them.
-  Params values_of(const FitResult& fit) const;
 
  private:
   int own_count() const { return replay_.protocol->parameters().size(); }
   StaticReplay replay_at(const Eigen::VectorXd& lengths) const;
   void move_to(const Eigen::VectorXd& lengths);
+  double step_of(size_t dimension) const;
   void add(const Dimension& dimension);
   struct Sides {
     std::unique_ptr<StaticProtocol> less, more;
@@ -88,7 +92,7 @@ class DimensionedProtocol final : public Protocol {
   Experiment experiment_;
   Trials trials_;
   std::shared_ptr<const Mesh> mesh_;  ///< with the file's dimensions
-  double step_ = 0;                   ///< of differences [m]
+  double step_ = 0;                   ///< of differences of lengths [m]
   StaticReplay replay_;
   ParameterTable table_;
   Params nominal_;

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <set>
 
-#include "calib/benches/static_replay.hpp"
+#include "calib/benches/assumptions.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/units.hpp"
 #include "sim/scene/channel_kinds.hpp"
@@ -39,6 +39,10 @@ std::vector<FreeParameter> Bench::starts_after(const FitResult& main) const {
     }
   }
   return free;
+}
+
+DimensionedModel Bench::with_dimensions() const {
+  throw InputError(experiment_.path + ": only readings at rest have dimensions as parameters");
 }
 
 std::unique_ptr<Bench> Bench::part(size_t /*control*/, double /*held*/) const {

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "calib/benches/dimension.hpp"
 #include "calib/benches/experiment.hpp"
 #include "calib/data/trials.hpp"
 #include "calib/fit/fit.hpp"
@@ -82,12 +83,14 @@ using Lines = std::vector<std::pair<std::string, std::string>>;  ///< label and 
 std::vector<int> indices_of(const std::vector<FreeParameter>& free);  ///< their indices in the table
 
 struct StaticReplay;
+struct DimensionedModel;
 
-/// Which model predicts a row, and how far its value may be off, relative to it: as the model states or as the next
+/// Which model predicts a row, and how far its value may be off, relative to `of`: as the model states or as the next
 /// dearer one changed it; NaN: not known.
 struct RowModel {
   std::string name;  ///< as experiment files spell it
   double error = 0;
+  std::optional<double> of = {};  ///< SI; nothing: the value itself. Of a position: how far its point has moved
 };
 
 /// What predicts the rows of a bench at rest instead of the full model: cheaper ones, row by row.
@@ -96,14 +99,24 @@ struct ModelChoice {
   std::string sentence;                ///< what was chosen and why; "": the file asked for it
   std::function<std::string()> doubt;  ///< what is doubtful of the last prediction, as the end of a sentence, or ""
   std::function<RowModel(int row)> model_of = {};  ///< of the last prediction
+  bool one_model = false;                          ///< predicts all rows
+  std::string text = {};                           ///< "rod of 72 elements"; "": the full model's
+  int unknowns = 0;                                ///< of a row; 0: the full model's
+  std::vector<Dimension> dimensions = {};          ///< parameters behind those of the full model
+  /// Displacements of the full model's mesh at these controls [m], as the last prediction has them, for drawings;
+  /// empty: not known.
+  std::function<Eigen::VectorXd(const std::vector<double>& controls)> state = {};
+  /// Whether a replay is compared with the full model's, which takes that one's time.
+  bool compared = true;
 };
 
 /// Cheaper models of specimens at rest.
 struct CheaperModels {
   /// Starts from which a fit is cheaper.
   std::function<std::vector<FreeParameter>(const Experiment&, const Trials&, const std::vector<FreeParameter>&)> starts;
-  /// What predicts, as the experiment's `model` asks for.
-  std::function<ModelChoice(const Experiment&, const Trials&, const StaticReplay&)> choose;
+  /// What predicts, as the experiment's `model` asks for, with these dimensions as parameters where it can.
+  std::function<ModelChoice(const Experiment&, const Trials&, const StaticReplay&, const std::vector<Dimension>&)>
+      choose;
 };
 
 /// The readings of an experiment, the model that replays them, and what is said of both: what the commands work on,
@@ -168,6 +181,9 @@ class Bench {
   virtual std::string compare_models(const Params&, const Eigen::VectorXd& /*values*/, double /*seconds*/) const {
     return "";
   }
+  /// The model with all dimensions as parameters; where it has none of them (beams), or several predict rows, the full
+  /// one, which has every number that is taken for granted near enough. Of readings at rest.
+  virtual DimensionedModel with_dimensions() const;
   /// The readings as their file has them, for who replays them with other meshes; null where that is not done.
   virtual const Trials* trials_at_rest() const { return nullptr; }
   virtual SolvedStates states() const { return {}; }                   ///< of the last replay; none without a mesh

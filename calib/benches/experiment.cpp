@@ -7,11 +7,15 @@
 namespace taut {
 
 const std::vector<std::pair<std::string, Rung>>& rungs() {
-  static const std::vector<std::pair<std::string, Rung>> all{{"full", Rung::full},
-                                                             {"beam", Rung::beam},
-                                                             {"rigid_segments", Rung::rigid_segments},
-                                                             {"solid", Rung::solid},
-                                                             {"auto", Rung::automatic}};
+  static const std::vector<std::pair<std::string, Rung>> all{
+      {"full", Rung::full},   {"beam", Rung::beam},     {"rod", Rung::rod}, {"rigid_segments", Rung::rigid_segments},
+      {"solid", Rung::solid}, {"auto", Rung::automatic}};
+  return all;
+}
+
+const std::vector<std::pair<std::string, SectionLaw>>& section_laws() {
+  static const std::vector<std::pair<std::string, SectionLaw>> all{{"neo_hookean", SectionLaw::neo_hookean},
+                                                                   {"linear", SectionLaw::linear}};
   return all;
 }
 
@@ -19,9 +23,9 @@ std::string_view name_of(Rung rung) {
   return std::find_if(rungs().begin(), rungs().end(), [&](const auto& known) { return known.second == rung; })->first;
 }
 
-InstrumentNoise read_noise(TableReader& table, Quantity quantity) {
+InstrumentNoise read_noise(TableReader& table, Quantity quantity, std::string_view key) {
   InstrumentNoise noise;
-  auto given = table.optional_table("noise");
+  auto given = table.optional_table(key);
   if (!given) return noise;
   noise.absolute = given->optional_quantity("absolute", quantity).value_or(0);
   noise.relative = given->optional_quantity("relative", Quantity::pure).value_or(0);

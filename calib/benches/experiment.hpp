@@ -24,14 +24,15 @@ struct FreeSettings {
   std::optional<GivenValue> start, lower, upper;
 };
 
-/// A [[fit.variant]]: the same fit with another mesh; of a material point with another law, or with the readings of
-/// some modes only.
+/// A [[fit.variant]]: the same fit with another mesh or with further free parameters; of a material point with another
+/// law, or with the readings of some modes only.
 struct VariantSettings {
   std::string name;
   MeshSettings mesh;
-  std::string law;                          ///< of a material point
+  std::string law;                          ///< of a material point; of a rod's sections, as experiment files spell it
   std::map<std::string, double> constants;  ///< its constants, SI
   std::vector<std::string> modes;           ///< "tension", "compression", "shear"
+  std::vector<FreeSettings> free = {};      ///< free besides those of [fit.free]
 };
 
 /// [fit.diagnostic]: the parameter fitted to the readings of each value of a control alone, the others held.
@@ -49,11 +50,17 @@ struct ReferenceValue {
 /// `model`: how much of an experiment is modelled. From cheap to full; see calib/models/ladder.hpp.
 enum class Rung {
   beam,            ///< a chain of Timoshenko beams, in closed form
+  rod,             ///< a long body in space as a Cosserat rod; never chosen by itself
   rigid_segments,  ///< finite elements, in which stiff regions are rigid
   full,            ///< as the file says
   solid,           ///< a plane section as a solid of its thickness
   automatic        ///< the first of these that is good enough, row by row
 };
+
+/// What a section of a rod resists stretching and bending with; see calib/models/rod.hpp.
+enum class SectionLaw { linear, neo_hookean };
+/// Both with their names in files; the first is that of files that name none.
+const std::vector<std::pair<std::string, SectionLaw>>& section_laws();
 
 /// All with their names as experiment files spell them; the first is that of files that name none.
 const std::vector<std::pair<std::string, Rung>>& rungs();
@@ -85,8 +92,10 @@ struct Experiment : Setup {
   std::string title;
   Rung model = Rung::full;
   double tolerance = 0.02;  ///< of model = "auto": the largest relative change by the next rung that is left aside
-  bool simulated = false;   ///< data = "simulated": said wherever the data are shown
+  SectionLaw rod_section = SectionLaw::neo_hookean;  ///< of model = "rod"
+  bool simulated = false;                            ///< data = "simulated": said wherever the data are shown
   GeometrySettings geometry;
+  std::vector<double> base_at, base_turn;  ///< BodySettings::at and turn of the body; empty: as its geometry has it
   MeshSettings mesh;
   BenchFormat bench;
   std::string zero_offset_per;  ///< control id: the readings at each of its values share a zero error; "": none
@@ -106,7 +115,8 @@ struct Experiment : Setup {
   int trend_degree = 0;  ///< of the polynomials in the figure of the effective stiffness; 0: none
 };
 
-/// The table noise of readings of this quantity; without it there is none. Throws InputError with file and line.
-InstrumentNoise read_noise(TableReader& table, Quantity quantity);
+/// The table noise (or `key`) of readings of this quantity; without it there is none. Throws InputError with file and
+/// line.
+InstrumentNoise read_noise(TableReader& table, Quantity quantity, std::string_view key = "noise");
 
 }  // namespace taut

@@ -74,6 +74,11 @@ Experiment as_solid(const Experiment& experiment, int depth_cells) {
   if (!experiment.contact.obstacles.empty()) refuse("a body meets grounds, but no obstacles; leave those out");
   if (experiment.contact.form != ContactForm::length_weighted)
     refuse("a body has the contact of the default form; leave 'form' out");
+  const auto on_axis = [](const CableSettings& cable) { return cable.line.has_value(); };
+  if (std::ranges::any_of(experiment.cables.cables, on_axis))
+    refuse("a cable has points; give its x and y instead of 'along'");
+  if (std::ranges::any_of(experiment.channels, [](const ChannelSettings& channel) { return !channel.marker.empty(); }))
+    refuse("what is measured has points; make each [[marker]] a [[channel]]");
   Experiment solid = experiment;
   solid.geometry.dimension = 3;
   solid.geometry.plane = Plane::strain;  // of no meaning in space
@@ -100,6 +105,8 @@ Experiment as_solid(const Experiment& experiment, int depth_cells) {
     if (channel.kind->directed == ChannelKind::Directed::in_space) channel.direction = {0, 0, 1};
   }
   deepen(solid.gravity_direction);
+  deepen(solid.base_at);
+  if (!solid.base_turn.empty()) solid.base_turn.insert(solid.base_turn.begin(), {0, 0});
   for (GroundSettings& ground : solid.contact.grounds) {
     ground.point = Eigen::Vector3d(ground.point[0], ground.point[1], 0);
     ground.normal = Eigen::Vector3d(ground.normal[0], ground.normal[1], 0);
@@ -131,6 +138,25 @@ Setup setup_of(const Experiment& experiment, const MeshSettings& settings, const
   BodySettings& body = setup.bodies.emplace_back();
   body.geometry = experiment.geometry;
   body.mesh = settings;
+  body.at = experiment.base_at;
+  if (setup.dimension == 3)
+    body.turn = experiment.base_turn;
+  else if (!experiment.base_turn.empty())
+    body.angle = experiment.base_turn.front();
+  if (!body.at.empty() || !body.turn.empty() || body.angle != 0) {  // what is said of the body goes with it
+    const auto move = [&](std::vector<double>& point) {
+      const Eigen::VectorXd there = point.empty() ? Eigen::VectorXd() : placed(body, vector_of(point));
+      point.assign(there.begin(), there.end());
+    };
+    const Eigen::MatrixXd rotation = rotation_of(body, setup.dimension);
+    for (LoadSettings& load : setup.loads) move(load.point);
+    for (ChannelSettings& channel : setup.channels) {
+      move(channel.point);
+      if (channel.foot || channel.standoff.empty()) continue;  // in the frame of the body already
+      const Eigen::VectorXd turned = rotation * vector_of(channel.standoff);
+      channel.standoff.assign(turned.begin(), turned.end());
+    }
+  }
   for (size_t k = 0; k < experiment.bench.controls.size(); ++k)
     setup.controls.push_back({experiment.bench.controls[k].id, trials.control_quantities[k]});
   return setup;

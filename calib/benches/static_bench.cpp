@@ -17,9 +17,19 @@
 namespace taut {
 namespace {
 
+/// Solved, and with success: where another model predicts, the full one's states are not there.
+bool is_known(const StaticProtocol::Condition& condition) {
+  return condition.report.status == SolveStatus::converged && condition.u.size() > 0;
+}
+
 std::string list_of(const std::vector<double>& values, std::string_view unit) {
+  double size = 0;
+  for (double value : values) size = std::max(size, std::abs(value));
   std::string text;
-  for (double value : values) text += fmt::format("{}{}", text.empty() ? "" : ", ", with_unit(value, unit));
+  for (double value : values) {
+    const double shown = std::abs(value) < 1e-12 * size ? 0 : value;  // zero but for rounding
+    text += fmt::format("{}{}", text.empty() ? "" : ", ", with_unit(shown, unit));
+  }
   return text;
 }
 
@@ -47,6 +57,10 @@ std::string support_text(const SupportSettings& support) {
 std::string channel_text(const ChannelSettings& channel) {
   const std::string what(channel.kind->name);
   const bool place = channel.kind->on == ChannelKind::On::place;
+  if (channel.foot) {
+    const std::string text = fmt::format("{} of marker {} at {}", what, channel.marker, with_unit(*channel.foot, "m"));
+    return channel.standoff.empty() ? text : text + fmt::format(", {} off the axis", list_of(channel.standoff, "m"));
+  }
   std::string text = channel.on.empty() ? what + " of point (" + list_of(channel.point, "m") + ")"
                                         : (place ? "mean " : "") + what + " of " + channel.on;
   if (!channel.standoff.empty())
@@ -60,6 +74,9 @@ std::string rung_text(const Experiment& experiment) {
   switch (experiment.model) {
     case Rung::beam:
       return name + ": a chain of Timoshenko beams";
+    case Rung::rod:
+      return name + ": a Cosserat rod with " +
+             (experiment.rod_section == SectionLaw::linear ? "linear" : "neo-Hookean") + " sections";
     case Rung::rigid_segments:
       return name + ": finite elements, in which " + join(rigid_regions(experiment), " and ") + " cannot deform";
     case Rung::full:
@@ -99,9 +116,21 @@ StaticBench::StaticBench(Experiment experiment, Trials trials)
   // Tolerances that mean nothing are wrong input, whatever is done with the bench.
   assumptions_of(experiment_, protocol_->parameters(), protocol_->nominal(), dimensions_of(experiment_));
   for (const std::string& why : protocol_->left_out()) throw FileError(experiment_.path, "[fit.free] " + why);
+  for (const VariantSettings& variant : experiment_.variants) check_free(variant);
   refuse_held_channels();
   find_axes();
   find_readings();
+}
+
+/// What a variant frees has to be there, long before its turn.
+void StaticBench::check_free(const VariantSettings& variant) const {
+  const std::vector<Dimension> dimensions = dimensions_of(experiment_);
+  for (const auto& [id, start, lower, upper] : variant.free) {
+    if (!protocol_->parameters().contains(id) &&
+        std::ranges::find(dimensions, id, [](const Dimension& one) { return one.spec.id; }) == dimensions.end())
+      throw FileError(experiment_.path, fmt::format("[[fit.variant]] '{}' free: {}", variant.name,
+                                                    unknown_parameter(experiment_, *protocol_, id).what()));
+  }
 }
 
 /// The supports that hold what `gradient` weighs, as "on 'xmin'"; empty where it moves freely, or is moved.
@@ -160,11 +189,28 @@ std::vector<std::string> StaticBench::held_loads() const {
 
 void StaticBench::use(const CheaperModels& models) {
   models_ = models;
-  choice_ = models.choose(experiment_, trials_, replay());
-  if (choice_.protocol && !protocol_->dimensions().empty())
-    throw FileError(experiment_.path, fmt::format("[fit.free.{}]: a dimension is fitted by the full model alone; leave "
-                                                  "'model' out",
+  choice_ = models.choose(experiment_, trials_, replay(), protocol_->dimensions());
+  if (!choice_.text.empty()) model_text_ = choice_.text;
+  if (choice_.protocol && choice_.dimensions.size() < protocol_->dimensions().size())
+    throw FileError(experiment_.path, fmt::format("[fit.free.{}]: a dimension is fitted by the full model or a rod "
+                                                  "alone; leave 'model' out",
                                                   protocol_->dimensions().front().spec.id));
+}
+
+DimensionedModel StaticBench::with_dimensions() const {
+  if (choice_.protocol && choice_.one_model) {
+    ModelChoice all = models_.choose(experiment_, trials_, replay(), dimensions_of(experiment_));
+    if (!all.dimensions.empty()) {
+      DimensionedModel model;
+      static_cast<BenchRows&>(model) = replay();
+      model.protocol = std::move(all.protocol);
+      model.dimensions = std::move(all.dimensions);
+      return model;
+    }
+  }
+  Experiment full = experiment_;
+  if (choice_.protocol) full.model = Rung::full;
+  return dimensioned(full, trials_);
 }
 
 /// Cheaper models have the dimensions of the file.
@@ -269,22 +315,24 @@ std::vector<CurveRecord> StaticBench::curves(const Params& p, const std::vector<
       }
     }
   }
-  DimensionedProtocol protocol(experiment_, grid, free_dimensions(experiment_));
-  const StaticReplay& replay = protocol.replay();
+  StaticBench there(experiment_, std::move(grid));
+  if (models_.choose) there.use(models_);
+  Protocol& protocol = there.protocol();
+  const std::vector<BenchReading>& readings = there.readings();
   const ParameterTable& table = protocol.parameters();
   const Prediction prediction = ask(protocol, p, indices_of(free));
   const Eigen::VectorXd se = standard_errors(prediction, table, p, free, covariance);
   // Increments from the start of the curve are known better than the values: errors of the parameters move both.
   Prediction increments = prediction;
-  for (size_t reading = 0; reading < grid.readings.size() && prediction.derivatives.size() > 0; ++reading) {
-    const int row = replay.row_of_reading[reading], start = replay.row_of_reading[reading - reading % loads.size()];
+  for (size_t reading = 0; reading < readings.size() && prediction.derivatives.size() > 0; ++reading) {
+    const int row = readings[reading].row, start = readings[reading - reading % loads.size()].row;
     increments.derivatives.row(row) = prediction.derivatives.row(row) - prediction.derivatives.row(start);
   }
   const Eigen::VectorXd increment_se = standard_errors(increments, table, p, free, covariance);
   size_t reading = 0;
   for (CurveRecord& curve : curves) {
     for (size_t i = 0; i < loads.size(); ++i, ++reading) {
-      const int row = replay.row_of_reading[reading];
+      const int row = readings[reading].row;
       curve.value.push_back(prediction.values[row]);
       curve.se.push_back(se[row]);
       if (loads.front() == 0) curve.increment_se.push_back(increment_se[row]);
@@ -296,15 +344,23 @@ std::vector<CurveRecord> StaticBench::curves(const Params& p, const std::vector<
 std::unique_ptr<Bench> StaticBench::with(const VariantSettings& variant) const {
   Experiment changed = experiment_;
   changed.mesh = variant.mesh;
+  for (const auto& [name, law] : section_laws()) {
+    if (name == variant.law) changed.rod_section = law;
+  }
+  changed.free.insert(changed.free.end(), variant.free.begin(), variant.free.end());
+  changed.variants.clear();
   auto bench = std::make_unique<StaticBench>(std::move(changed), trials_);
   bench->model_text_ = variant.mesh.describe();
+  if (models_.choose) bench->use(models_);
   return bench;
 }
 
 std::unique_ptr<Bench> StaticBench::part(size_t control, double held) const {
   Trials part = trials_;
   std::erase_if(part.readings, [&](const Reading& reading) { return reading.controls[control] != held; });
-  return std::make_unique<StaticBench>(experiment_, std::move(part));
+  auto bench = std::make_unique<StaticBench>(experiment_, std::move(part));
+  if (models_.choose) bench->use(models_);
+  return bench;
 }
 
 std::unique_ptr<Bench> StaticBench::at_loads(const std::string& path) const {
@@ -329,6 +385,7 @@ std::string StaticBench::size_text() const {
 }
 
 std::string StaticBench::effort() const {
+  if (choice_.protocol) return fmt::format("{} factorisations", choice_.protocol->factorisations());
   return fmt::format("{} Newton iterations, {} factorisations", protocol_->newton_iterations(),
                      protocol_->factorisations());
 }
@@ -352,10 +409,21 @@ std::string StaticBench::cables_text() const {
   const Params& nominal = model().nominal();
   std::string text;
   for (const CableSettings& cable : experiment_.cables.cables) text += (text.empty() ? "" : ", ") + cable.id;
-  text += fmt::format("; k = {}, slack = {}", with_unit(nominal[table.index("k_cable")], "N/m"),
-                      with_unit(nominal[table.index("slack")], "m"));
+  const auto law = [&](const std::string& k, const std::string& slack) {
+    return fmt::format("k = {}, slack = {}", with_unit(nominal[table.index(k)], "N/m"),
+                       with_unit(nominal[table.index(slack)], "m"));
+  };
+  if (table.contains("k_cable")) text += "; " + law("k_cable", "slack");
+  for (const CableSettings& cable : experiment_.cables.cables) {
+    if (cable.own) text += fmt::format("; {}: {}", cable.id, law("k_" + cable.id, "slack_" + cable.id));
+    if (cable.held && cable.control.empty())
+      text += fmt::format("; {} held at {}", cable.id, with_unit(cable.tension, "N"));
+    if (cable.spool > 0) text += fmt::format("; {} on a spool of radius {}", cable.id, with_unit(cable.spool, "m"));
+  }
   for (const auto& [id, column] : experiment_.cables.columns)
     text += fmt::format("; retracted by column '{}', before the loads", column);
+  for (const auto& [id, column] : experiment_.cables.tension_columns)
+    text += fmt::format("; tension in column '{}'", column);
   return text;
 }
 
@@ -377,11 +445,12 @@ std::string StaticBench::contact_text() const {
 Lines StaticBench::describe() const {
   const Experiment& e = experiment_;
   const Mesh& mesh = model().scene().model->mesh();
-  Lines lines{{"data", e.simulated ? "simulated" : "measured"},
-              {"geometry", geometry_text(e.geometry)},
-              {"mesh", fmt::format("{}: {} nodes, {} elements, {} unknowns", e.mesh.describe(), mesh.node_count(),
-                                   mesh.element_count(), unknowns())},
-              {"model", rung_text(e)}};
+  Lines lines{{"data", e.simulated ? "simulated" : "measured"}, {"geometry", geometry_text(e.geometry)}};
+  if (choice_.text.empty())
+    lines.emplace_back("mesh", fmt::format("{}: {} nodes, {} elements, {} unknowns", e.mesh.describe(),
+                                           mesh.node_count(), mesh.element_count(), unknowns()));
+  lines.emplace_back("model",
+                     rung_text(e) + (choice_.unknowns > 0 ? fmt::format(", {} unknowns", choice_.unknowns) : ""));
   if (!e.geometry.left_out.empty())
     lines.emplace_back("not in the file", "dimensions as the kind has them: " + join(e.geometry.left_out));
   add_material_lines(e, lines);
@@ -447,7 +516,7 @@ std::vector<std::string> StaticBench::sides_taken() const {
 std::vector<std::string> StaticBench::warnings_after() const {
   std::vector<std::string> warnings = sides_taken();
   for (const StaticProtocol::Condition& condition : model().conditions()) {
-    if (condition.report.status != SolveStatus::converged || condition.u.size() == 0) continue;
+    if (!is_known(condition)) continue;
     const std::string where = model().describe(condition);
     if (condition.report.left_saddle && condition.report.side.empty())
       warnings.push_back(
@@ -472,6 +541,7 @@ std::vector<std::string> StaticBench::warnings_after() const {
 std::string StaticBench::compare_models(const Params& p, const Eigen::VectorXd& values, double seconds) const {
   if (!choice_.protocol) return "";
   std::string doubt = choice_.doubt ? choice_.doubt() : "";
+  if (!choice_.compared) return fmt::format("a replay takes {:.2g} s{}", seconds, doubt);
   const Stopwatch watch;
   protocol_->forget();
   const Prediction full = protocol_->predict(p, {});
@@ -492,7 +562,8 @@ std::vector<TangentStiffness> StaticBench::tangent_stiffness() const {
   std::vector<TangentStiffness> found;
   const StaticProtocol& protocol = model();
   const Mesh& mesh = protocol.scene().model->mesh();
-  for (const LoadSettings& load : experiment_.loads) {
+  const Setup setup = setup_of(experiment_, experiment_.mesh, trials_);
+  for (const LoadSettings& load : setup.loads) {
     const bool force = load.quantity == Quantity::force || load.quantity == Quantity::mass;
     if (!force || load.column.empty() || mesh.dimension() != experiment_.geometry.dimension) continue;
     const Eigen::VectorXd direction = vector_of(load.direction);
@@ -522,7 +593,8 @@ SolvedStates StaticBench::states() const {
   // What is held first, the load second: states next to each other in the figures.
   std::vector<const StaticProtocol::Condition*> solved;
   for (const StaticProtocol::Condition& condition : model().conditions()) {
-    if (condition.report.status == SolveStatus::converged) solved.push_back(&condition);
+    if (choice_.state ? choice_.state(condition.controls).size() > 0 : is_known(condition))
+      solved.push_back(&condition);
   }
   const auto held_then_load = [&](const StaticProtocol::Condition* one, const StaticProtocol::Condition* other) {
     std::vector<double> a = one->controls, b = other->controls;
@@ -541,7 +613,7 @@ SolvedStates StaticBench::states() const {
       const size_t k = static_cast<size_t>(drawn_control_);
       state.column = controls_[k].id + " " + control_text(k, condition->controls[k]);
     }
-    state.u = condition->u;
+    state.u = choice_.state ? choice_.state(condition->controls) : condition->u;
   }
   return all;
 }
@@ -554,7 +626,7 @@ std::vector<CableState> StaticBench::cable_states() const {
     const auto tension = make_cable_tension(mesh, replay().cables[c]);
     const auto length = make_cable_length(mesh, replay().cables[c]);
     for (const StaticProtocol::Condition& condition : protocol.conditions()) {
-      if (condition.report.status != SolveStatus::converged) continue;
+      if (!is_known(condition)) continue;
       const Point at{condition.u, condition.p};
       states.push_back(
           {protocol.describe(condition), experiment_.cables.cables[c].id, tension->value(at), length->value(at)});

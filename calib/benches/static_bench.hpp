@@ -31,13 +31,16 @@ class StaticBench final : public Bench {
   std::unique_ptr<Bench> at_loads(const std::string& path) const override;
   std::vector<double> values_of(size_t control) const override;
   std::string model_text() const override { return model_text_; }
-  int unknowns() const override { return model().scene().model->free_unknowns(); }
+  int unknowns() const override {
+    return choice_.unknowns > 0 ? choice_.unknowns : model().scene().model->free_unknowns();
+  }
   std::string size_text() const override;
   Lines describe() const override;
   std::vector<std::string> warnings_before() const override;
   std::vector<std::string> warnings_after() const override;
   std::string choice() const override { return choice_.sentence; }
-  bool one_model() const override { return !choice_.protocol; }
+  bool one_model() const override { return !choice_.protocol || choice_.one_model; }
+  DimensionedModel with_dimensions() const override;
   std::optional<RowModel> model_of(int row) const override {
     return choice_.model_of ? std::optional(choice_.model_of(row)) : std::nullopt;
   }
@@ -51,6 +54,7 @@ class StaticBench final : public Bench {
  private:
   const StaticReplay& replay() const { return protocol_->replay(); }
   const StaticProtocol& model() const { return *replay().protocol; }
+  void check_free(const VariantSettings& variant) const;
   void find_axes();
   void find_readings();
   std::string series_of(const std::vector<double>& controls) const;

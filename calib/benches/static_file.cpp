@@ -18,8 +18,10 @@ void read_readings(TableReader& root, Experiment& experiment) {
   bench.sigma_column = table.text("sigma", "");
   bench.ignored = table.columns_or_none("ignore");
   bench.excluded = table.integers_or_none("exclude", 1);
-  if (bench.channel_column.empty() != bench.value_column.empty())
-    table.fail("", "'channel' and 'value' belong together: the columns that hold a channel's id and its reading");
+  if (bench.channel_column.empty() && !bench.value_column.empty())
+    table.fail("value",
+               "it belongs to files with a reading a row; name the column 'channel' that holds the channel's "
+               "id too, or give each channel its own column");
   experiment.zero_offset_per = table.text("zero_offset_per", "");
   if (!experiment.zero_offset_per.empty()) {
     known_id(table, "zero_offset_per", ids_of(bench.controls), "set by the bench");
@@ -46,13 +48,12 @@ void read_readings(TableReader& root, Experiment& experiment) {
   }
   table.finish();
   for (const BenchFormat::Channel& channel : bench.channels) {
-    if (channel.column.empty() == bench.channel_column.empty()) {
-      throw InputError(fmt::format(
-          "{}: channel '{}': {}", experiment.path, channel.id,
-          channel.column.empty() ? "its bench column is missing; add column = \"NAME_mm\", or name the [bench] columns "
-                                   "'channel' and 'value'"
-                                 : "[bench] names a 'channel' column, so channels must not name columns of their own"));
-    }
+    if (channel.column.empty() && bench.value_column.empty())
+      throw InputError(
+          fmt::format("{}: channel '{}': its bench column is missing; add column = \"NAME_mm\", or name the [bench] "
+                      "columns 'channel' "
+                      "and 'value'",
+                      experiment.path, channel.id));
     if (bench.sigma_column.empty() && !channel.noise.given()) {
       throw InputError(
           fmt::format("{}: channel '{}' has no noise; add for example noise = {{ absolute = \"0.1 mm\" }} to its "

@@ -59,8 +59,6 @@ StaticReplay make_static_replay(const Experiment& experiment, const MeshSettings
   return bench;
 }
 
-namespace {
-
 InputError unknown_parameter(const Experiment& experiment, const Protocol& protocol, const std::string& id) {
   std::vector<std::string> known = protocol.parameters().ids(), lengths;
   for (const Dimension& dimension : dimensions_of(experiment)) {
@@ -71,6 +69,8 @@ InputError unknown_parameter(const Experiment& experiment, const Protocol& proto
   return InputError(fmt::format("unknown parameter '{}'{}; the model has: {}{}", id, did_you_mean(id, known), of_model,
                                 lengths.empty() ? "" : "; lengths that may be fitted: " + join(lengths)));
 }
+
+namespace {
 
 /// A constant of a region that is rigid by the file's own wish changes nothing.
 void refuse_rigid(const Experiment& experiment, const std::string& id) {

@@ -4,6 +4,7 @@
 
 #include "calib/benches/model.hpp"
 #include "calib/fit/fit.hpp"
+#include "sim/core/error.hpp"
 
 namespace taut {
 
@@ -25,6 +26,8 @@ struct StaticReplay : BenchRows {
 /// The readings' protocol with this mesh. Throws InputError.
 StaticReplay make_static_replay(const Experiment& experiment, const MeshSettings& settings, const Trials& trials);
 
+/// That there is no parameter of this name: the nearest one, and all that there are.
+InputError unknown_parameter(const Experiment& experiment, const Protocol& protocol, const std::string& id);
 /// The region whose material has this constant, "E_foam" say; "": none.
 std::string region_of(const Experiment& experiment, const std::string& id);
 

@@ -43,6 +43,11 @@ std::string lines_text(const std::vector<Reading>& readings, bool excluded_only)
   return text;
 }
 
+/// What a row of a long file calls a channel.
+const std::string& label_of(const BenchFormat::Channel& channel) {
+  return channel.label.empty() ? channel.id : channel.label;
+}
+
 /// "2 readings in lines 40, 41"; "" without any.
 std::string excluded_lines(const std::vector<Reading>& readings) {
   const auto count = static_cast<size_t>(std::ranges::count_if(readings, &Reading::excluded));
@@ -107,11 +112,12 @@ struct Sheet {
     for (const BenchFormat::Control& control : format.controls)
       controls.push_back(number_column(control.column, control.quantities, fmt::format("control '{}'", control.id)));
     if (!format.channel_column.empty()) channel = find(format.channel_column, "the channel's name");
-    for (const auto& [id, column, quantity, noise] : format.channels) {
-      values.push_back(
-          number_column(channel ? format.value_column : column, {quantity}, fmt::format("channel '{}'", id)));
+    for (const BenchFormat::Channel& one : format.channels) {
+      values.push_back(number_column(one.column.empty() ? format.value_column : one.column, {one.quantity},
+                                     fmt::format("channel '{}'", one.id)));
       if (!format.sigma_column.empty())
-        sigmas.push_back(number_column(format.sigma_column, {quantity}, fmt::format("sigma of channel '{}'", id)));
+        sigmas.push_back(
+            number_column(format.sigma_column, {one.quantity}, fmt::format("sigma of channel '{}'", one.id)));
     }
     std::set<size_t> used = number_columns();
     if (trial) used.insert(*trial);
@@ -167,21 +173,34 @@ struct Sheet {
 
   std::vector<double> controls_in(const Row& row) const {
     std::vector<double> numbers;
-    for (const NumberColumn& control : controls) numbers.push_back(number_in(row, control));
+    for (size_t k = 0; k < controls.size(); ++k) {
+      numbers.push_back(number_in(row, controls[k]));
+      if (format.controls[k].pulls && numbers.back() < 0)
+        table.fail(row, controls[k].index,
+                   "the tension is '{}', but a cable cannot push; correct the sign, or write 0 where it hung loose",
+                   shown(row.cells[controls[k].index]));
+    }
     return numbers;
   }
 
   // Rows to readings
 
-  /// Channel that a row of a long file belongs to.
-  size_t channel_in(const Row& row, const std::vector<std::string>& ids) const {
-    const std::string& id = text_in(row, *channel);
-    const auto found = std::ranges::find(ids, id);
-    if (found == ids.end())
+  /// Channels that a row holds readings of: all, in long files those that it names.
+  std::vector<size_t> channels_in(const Row& row) const {
+    std::vector<size_t> found;
+    std::vector<std::string> labels;
+    for (size_t k = 0; k < format.channels.size(); ++k) {
+      labels.push_back(label_of(format.channels[k]));
+      if (!channel || labels.back() == row.cells[*channel]) found.push_back(k);
+    }
+    if (found.empty()) {
+      const std::string& label = text_in(row, *channel);
+      labels.erase(std::unique(labels.begin(), labels.end()), labels.end());
       table.fail(row, *channel,
                  "'{}' is not a channel of the experiment{}; it has: {}; correct the cell or add a [[channel]]",
-                 shown(id), did_you_mean(id, ids), listed(ids));
-    return static_cast<size_t>(found - ids.begin());
+                 shown(label), did_you_mean(label, labels), listed(labels));
+    }
+    return found;
   }
 
   double sigma_of(const Row& row, const Reading& reading) const {
@@ -264,15 +283,14 @@ class FormatCheck {
 
   void run() {
     if (format_.channels.empty()) fail("there is no channel; describe each measured quantity in a [[channel]]");
-    if (is_long_ == format_.value_column.empty())
-      fail(
-          "a long file needs both a channel column and a value column; give both, or neither for one column per "
-          "channel");
+    if (!is_long_ && !format_.value_column.empty())
+      fail("a value column belongs to a long file; name its channel column too, or neither for one column per channel");
     for (const BenchFormat::Control& control : format_.controls) {
       use(control.column, fmt::format("control '{}'", control.id));
       name(control.id);
     }
     for (const BenchFormat::Channel& channel : format_.channels) check(channel);
+    for (const auto& [column, purpose] : own_columns_) use(column, purpose);
     for (const auto& [column, purpose] : {std::pair(&format_.channel_column, "the channel's name"),
                                           {&format_.value_column, "the reading"},
                                           {&format_.trial_column, "the trial"},
@@ -300,10 +318,19 @@ class FormatCheck {
     if (!ids_.insert(id).second) fail("the name '{}' stands twice; rename one", id);
   }
   void check(const BenchFormat::Channel& channel) {
-    if (!is_long_) use(channel.column, fmt::format("channel '{}'", channel.id));
-    if (is_long_ && !channel.column.empty())
-      fail("channel '{}' has its own column '{}' in a long file; remove it, or the channel column", channel.id,
-           channel.column);
+    const std::string purpose = fmt::format("channel '{}'", channel.id);
+    if (!is_long_) {
+      use(channel.column, purpose);
+    } else {
+      const std::string& column = channel.column.empty() ? format_.value_column : channel.column;
+      if (column.empty())
+        fail("{} has no column; name it, or the value column of all channels that have none of their own", purpose);
+      const auto [previous, is_new] = places_.emplace(std::pair(label_of(channel), column), channel.id);
+      if (!is_new)
+        fail("channels '{}' and '{}' are read from one column '{}' of the same rows; give one of them another",
+             previous->second, channel.id, column);
+      if (!channel.column.empty()) own_columns_.emplace(channel.column, purpose);
+    }
     name(channel.id);
     const auto& [absolute, relative, resolution] = channel.noise;
     for (const double part : {absolute, relative, resolution}) {
@@ -318,6 +345,8 @@ class FormatCheck {
   const BenchFormat& format_;
   bool is_long_;
   std::map<std::string, std::string> purposes_;
+  std::map<std::string, std::string> own_columns_;                     ///< of channels in long files
+  std::map<std::pair<std::string, std::string>, std::string> places_;  ///< label and column to channel
   std::set<std::string> ids_;
 };
 
@@ -372,9 +401,7 @@ Trials read_trials(const BenchFormat& format) {
     reading.line = row.line;
     if (sheet.trial) reading.trial = sheet.text_in(row, *sheet.trial);
     reading.controls = sheet.controls_in(row);
-    size_t first = 0, last = format.channels.size() - 1;
-    if (sheet.channel) first = last = sheet.channel_in(row, trials.channel_ids);
-    for (size_t channel = first; channel <= last; ++channel) {
+    for (const size_t channel : sheet.channels_in(row)) {
       if (not_taken(row.cells[sheet.values[channel].index])) {
         ++sheet.not_taken_count;
         continue;

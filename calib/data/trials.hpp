@@ -35,20 +35,23 @@ struct BenchFormat {
     std::string id;                    ///< name of the load or actuation in the experiment
     std::string column;                ///< e.g. "tip_load_N" or "mass_g"
     std::vector<Quantity> quantities;  ///< what the unit may be; several are told apart by Trials::control_quantities
+    bool pulls = false;                ///< a tension, which is never negative
   };
   /// What was measured, and where it stands.
   struct Channel {
     std::string id;
-    std::string column;  ///< wide files: one column per channel; empty in long files
+    std::string column;  ///< wide files: one column per channel; in long files the column of its readings, or empty
     Quantity quantity = Quantity::length;
     InstrumentNoise noise;
+    std::string label =
+        {};  ///< long files: what the channel column holds, which several channels may share; "": the id
   };
   std::string path;
   std::string trial_column;  ///< "" when there is none: rows with equal controls are then repeats
   std::vector<Control> controls;
   std::vector<Channel> channels;
-  std::string channel_column;        ///< long files: the column that holds the channel's id; else ""
-  std::string value_column;          ///< long files: the column that holds the reading; else ""
+  std::string channel_column;        ///< long files: the column that holds the channel's id or label; else ""
+  std::string value_column;          ///< long files: the column of readings of channels that name none; else ""
   std::string sigma_column;          ///< optional: sigma per row (a length like the reading); overrides the noise
   std::vector<std::string> ignored;  ///< columns that are deliberately not used, by name or by number ("#3")
   std::vector<int> excluded;         ///< lines whose readings are not fitted

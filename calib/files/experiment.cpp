@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <tuple>
 
 #include "calib/data/trials.hpp"
 #include "calib/files/bench_kinds.hpp"
@@ -18,6 +19,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
+/// "5 N" is one, "tension_1_N" the name of a column.
+bool is_quantity(const std::string& text) {
+  const size_t blank = text.rfind(' ');
+  return blank != std::string::npos && parse_number(text.substr(0, blank));
+}
+
 void read_channel(TableReader& table, Experiment& experiment) {
   ChannelSettings channel = read_channel(table, experiment, Language::bench);
   BenchFormat::Channel& bench = experiment.bench.channels.emplace_back();
@@ -29,16 +36,128 @@ void read_channel(TableReader& table, Experiment& experiment) {
   experiment.channels.push_back(std::move(channel));
 }
 
-/// The control id of a retraction's column; the same column retracts several cables.
-std::string retraction_control(TableReader& table, Experiment& experiment) {
-  CablesSettings& cables = experiment.cables;
-  const std::string column = table.text("retraction");
-  const std::string id = column_unit(experiment, column, {Quantity::length}, table.where("retraction")).name;
-  const std::string known = cables.columns.try_emplace(id, column).first->second;
+/// A [[marker]]: a channel for each coordinate that it names a column of.
+void read_marker(TableReader& table, Experiment& experiment) {
+  const std::optional<BodyAxis> axis = experiment.geometry.shape->axis();
+  if (!axis)
+    table.fail("", fmt::format(
+                       "a marker stands on the axis of a body, and \"{}\" has none; measure a 'point' by a [[channel]]",
+                       experiment.geometry.kind()));
+  const int d = experiment.geometry.dimension;
+  ChannelSettings marker;
+  marker.marker = table.text("id");
+  marker.foot = table.quantity("s", Quantity::length);
+  if (!(*marker.foot >= 0 && *marker.foot <= axis->length * (1 + 1e-12)))
+    table.fail(
+        "s", fmt::format("the body reaches from 0 to {}, and the foot has to be on it", with_unit(axis->length, "m")));
+  const double standoff = table.optional_quantity("standoff", Quantity::length).value_or(0),
+               angle = table.optional_quantity("angle", Quantity::angle).value_or(0),
+               ahead = table.optional_quantity("ahead", Quantity::length).value_or(0);
+  if (standoff != 0 || ahead != 0) {
+    const Eigen::VectorXd offset = axis->offset(standoff, angle, ahead);
+    marker.standoff.assign(offset.begin(), offset.end());
+  }
+  const std::string kind = table.choice("kind", {"position", "displacement"});
+  marker.kind = &*std::ranges::find(channel_kinds(), kind, &ChannelKind::name);
+  const InstrumentNoise noise = read_noise(table, Quantity::length);
+  for (int component = 0; component < d; ++component) {
+    const std::string name(1, "xyz"[component]);
+    const std::string column = table.text(name, "");
+    const InstrumentNoise own = read_noise(table, Quantity::length, "noise_" + name);
+    if (column.empty()) {
+      if (own.given())
+        table.fail("noise_" + name, fmt::format("'{}' is not measured; name its column, or leave this out", name));
+      continue;
+    }
+    ChannelSettings& channel = experiment.channels.emplace_back(marker);
+    channel.id = marker.marker + "_" + name;
+    channel.direction.assign(static_cast<size_t>(d), 0.0);
+    channel.direction[static_cast<size_t>(component)] = 1;
+    experiment.bench.channels.push_back(
+        {channel.id, column, Quantity::length, own.given() ? own : noise, marker.marker});
+  }
+  if (experiment.channels.empty() || experiment.channels.back().marker != marker.marker)
+    table.fail("", "a marker needs the column of at least one coordinate; add for example x = \"x_mm\"");
+  table.finish();
+}
+
+/// The control id of a column that drives cables; the same column may drive several.
+std::string cable_control(TableReader& table, std::string_view key, const std::vector<Quantity>& quantities,
+                          Experiment& experiment, std::map<std::string, std::string>& columns) {
+  const std::string column = table.text(key);
+  const std::string id = column_unit(experiment, column, quantities, table.where(key)).name;
+  const std::string known = columns.try_emplace(id, column).first->second;
   if (known != column)
-    table.fail("retraction",
-               fmt::format("'{}' and '{}' are the same retraction in two units; name one column", known, column));
+    table.fail(key, fmt::format("'{}' and '{}' are the same {} in two units; name one column", known, column, key));
   return id;
+}
+
+/// What drives a cable: the keys retraction or tension, the latter with spool.
+struct Drive {
+  std::string control;
+  bool held = false;
+  double tension = 0, spool = 0;
+};
+
+Drive read_drive(TableReader& table, Experiment& experiment) {
+  Drive drive;
+  CablesSettings& cables = experiment.cables;
+  if (table.has("retraction") && table.has("tension"))
+    table.fail("tension", "a cable is driven by its retraction or by its tension; give one of them");
+  if (table.has("retraction"))
+    drive.control = cable_control(table, "retraction", {Quantity::length}, experiment, cables.columns);
+  drive.held = table.has("tension");
+  if (!drive.held) {
+    if (table.has("spool"))
+      table.fail("spool", "the spool's radius turns a torque into a tension; add 'tension', or leave it out");
+    return drive;
+  }
+  const std::string given = table.text("tension");
+  Quantity quantity = Quantity::force;
+  if (is_quantity(given)) {
+    const std::vector<Quantity> either{Quantity::force, Quantity::torque};
+    quantity = quantity_of(table, "tension", given, either, "is neither a force (\"5 N\") nor a torque (\"0.2 Nm\")");
+    drive.tension = parse_quantity(given, quantity, table.where("tension"));
+    if (drive.tension < 0) table.fail("tension", "a cable cannot push; a tension is zero or more");
+  } else {
+    const std::vector<Quantity> either{Quantity::force, Quantity::torque};
+    drive.control = cable_control(table, "tension", either, experiment, cables.tension_columns);
+    quantity = column_unit(experiment, given, either, table.where("tension")).quantity;
+  }
+  if (quantity == Quantity::torque)
+    drive.spool = table.positive("spool", Quantity::length, "radius of the spool");
+  else if (table.has("spool"))
+    table.fail("spool", "the tension is a force already; leave 'spool' out, or give a torque (Nm)");
+  if (drive.spool > 0) drive.tension /= drive.spool;
+  return drive;
+}
+
+void drive_by(const Drive& drive, CableSettings& cable) {
+  std::tie(cable.control, cable.held, cable.tension, cable.spool) =
+      std::tie(drive.control, drive.held, drive.tension, drive.spool);
+}
+
+/// The keys along, offset and angle of eyelets beside the axis; what is not there is as `shared` has it.
+EyeletLine read_line(TableReader& table, const Experiment& experiment, EyeletLine line) {
+  const std::optional<BodyAxis> axis = experiment.geometry.shape->axis();
+  if (!axis)
+    table.fail("along", fmt::format("eyelets stand along the axis of a body, and \"{}\" has none; give their x and y",
+                                    experiment.geometry.kind()));
+  if (line.end == 0) line.end = axis->length;
+  if (table.has("along")) {
+    const std::vector<double> ends = table.quantities("along", Quantity::length, 2);
+    std::tie(line.start, line.end) = std::pair(ends[0], ends[1]);
+  }
+  if (!(line.start >= 0 && line.end > line.start && line.end <= axis->length * (1 + 1e-12)))
+    table.fail("along",
+               fmt::format("it has two places on the body in their order, from 0 to {}", with_unit(axis->length, "m")));
+  if (table.has("offset")) {
+    const std::vector<double> offsets = table.quantities("offset", Quantity::length, 2);
+    std::tie(line.offset, line.end_offset) = std::pair(offsets[0], offsets[1]);
+  }
+  line.angle = table.optional_quantity("angle", Quantity::angle).value_or(line.angle);
+  line.pieces = table.integer("pieces", line.pieces, 1);
+  return line;
 }
 
 void read_gravity(TableReader table, Experiment& experiment) {
@@ -82,43 +201,74 @@ void read_support(TableReader& table, Experiment& experiment) {
 void read_cables(TableReader table, Experiment& experiment) {
   CablesSettings& cables = experiment.cables;
   const GeometrySettings& geometry = experiment.geometry;
-  read_cable_law(table, cables, true);
+  if (table.has("k") || table.has("EA")) read_cable_law(table, cables, true);
   const std::vector<std::string> own =
       geometry.shape->defaults().cables ? geometry.shape->cable_names() : std::vector<std::string>{};
-  const std::string common = table.has("retraction") ? retraction_control(table, experiment) : "";
-  const auto add_own = [&](const std::string& id, const std::string& control) {
+  const Drive common = read_drive(table, experiment);
+  const bool along = table.has("along") || table.has("offset");
+  if (along) cables.line = read_line(table, experiment, {});
+  const auto add_own = [&](const std::string& id) -> CableSettings& {
     CableSettings& cable = cables.cables.emplace_back();
     cable.id = id;
-    cable.control = control;
     for (const Eigen::VectorXd& point : own_cable(geometry, id)) cable.points.emplace_back(point.begin(), point.end());
+    return cable;
   };
   for (TableReader& one : table.tables("cable")) {
     const std::string id = one.text("id");
     for (const CableSettings& other : cables.cables) {
       if (other.id == id) one.fail("id", fmt::format("the cable '{}' is there already; choose another id", id));
     }
-    const std::string control = one.has("retraction") ? retraction_control(one, experiment) : common;
-    if (!own.empty() && !one.has("x")) {
+    const bool driven = one.has("retraction") || one.has("tension") || one.has("spool");
+    const Drive drive = driven ? read_drive(one, experiment) : common;
+    CableSettings* cable = nullptr;
+    if (along || one.has("along") || one.has("offset")) {
+      cable = &cables.cables.emplace_back();
+      cable->id = id;
+      cable->line = read_line(one, experiment, cables.line.value_or(EyeletLine{}));
+      cable->start_fixed = false;
+    } else if (!own.empty() && !one.has("x")) {
       if (std::find(own.begin(), own.end(), id) == own.end())
         one.fail("id", fmt::format("'{}' has no points; the module's own cables are {}, others need x and y", id,
                                    join(own, " and ")));
-      add_own(id, control);
+      cable = &add_own(id);
     } else {
-      CableSettings cable;
-      cable.id = id;
-      cable.control = control;
-      read_cable_points(one, geometry.dimension, {"start", "end", "both", "none"}, cable);
-      cables.cables.push_back(std::move(cable));
+      cable = &cables.cables.emplace_back();
+      cable->id = id;
+      read_cable_points(one, geometry.dimension, {"start", "end", "both", "none"}, *cable);
+    }
+    drive_by(drive, *cable);
+    if (one.has("k") || one.has("slack")) {
+      if (cable->held) one.fail(one.has("k") ? "k" : "slack", "a cable whose tension is held has no law; leave it out");
+      CableLaw law;
+      law.slack = cables.slack;
+      law.smoothing = cables.smoothing;
+      cable->own = law;
+      read_cable_law(one, *cable->own, false);
     }
     one.finish();
   }
   if (cables.cables.empty()) {
-    for (const std::string& id : own) add_own(id, common);
+    for (const std::string& id : own) drive_by(common, add_own(id));
   }
-  if (!common.empty() && std::none_of(cables.cables.begin(), cables.cables.end(),
-                                      [&](const CableSettings& cable) { return cable.control == common; }))
-    table.fail("retraction", "every cable has a retraction of its own, so this one moves nothing; remove it");
+  const auto takes_common = [&](const CableSettings& cable) { return cable.control == common.control; };
+  if (!common.control.empty() && std::ranges::none_of(cables.cables, takes_common))
+    table.fail(common.held ? "tension" : "retraction",
+               fmt::format("every cable has a {} of its own, so this one moves nothing; remove it",
+                           common.held ? "drive" : "retraction"));
   if (cables.cables.empty()) table.fail("", "there is no cable; add [[cables.cable]] with id, x and y");
+  const bool elastic =
+      std::ranges::any_of(cables.cables, [](const CableSettings& cable) { return !cable.held && !cable.own; });
+  if (elastic && !cables.k && !cables.EA) read_cable_law(table, cables, true);  // says what is missing
+  if (!elastic && (cables.k || cables.EA))
+    table.fail(cables.k ? "k" : "EA", "no cable is governed by it: each is held at a tension or has a k of its own");
+  table.finish();
+}
+
+/// [base]: how the body stands at the bench, turned and shifted.
+void read_base(TableReader table, Experiment& experiment) {
+  const size_t d = static_cast<size_t>(experiment.geometry.dimension);
+  if (table.has("turn")) experiment.base_turn = table.quantities("turn", Quantity::angle, d == 2 ? 1 : 3);
+  if (table.has("at")) experiment.base_at = table.quantities("at", Quantity::length, d);
   table.finish();
 }
 
@@ -164,6 +314,17 @@ void read_fit(TableReader table, Experiment& experiment) {
       kind.read_variant(one, experiment, variant);
     else
       read_mesh(one, experiment.geometry, variant.mesh);
+    if (experiment.model == Rung::rod && one.has("rod_section")) {
+      one.choice("rod_section", section_laws());
+      variant.law = one.text("rod_section");
+    }
+    if (kind.at_rest) {
+      for (const std::string& id : one.texts_or_none("free")) {
+        if (std::ranges::find(experiment.free, id, &FreeSettings::id) != experiment.free.end())
+          one.fail("free", fmt::format("'{}' is free in every fit; name further parameters", id));
+        variant.free.push_back({id, {}, {}, {}});
+      }
+    }
     one.finish();
   }
   for (TableReader& one : table.tables("reference")) {
@@ -191,6 +352,11 @@ void read_solver(TableReader table, Experiment& experiment) {
 
 void read_model(TableReader& root, Experiment& experiment) {
   experiment.model = root.choice("model", rungs());
+  if (root.has("rod_section")) {
+    if (experiment.model != Rung::rod)
+      root.fail("rod_section", "it is what a rod's section resists with; set model = \"rod\", or leave it out");
+    experiment.rod_section = root.choice("rod_section", section_laws());
+  }
   if (!root.has("tolerance")) return;
   if (experiment.model != Rung::automatic)
     root.fail("tolerance", "it says when model = \"auto\" stops climbing; set that, or leave it out");
@@ -242,6 +408,7 @@ void read_specimen(TableReader& root, Experiment& experiment) {
     root.table("mesh");  // says that it is missing
   }
   experiment.materials = read_materials(root);
+  if (auto base = root.optional_table("base")) read_base(*base, experiment);
   if (auto gravity = root.optional_table("gravity")) read_gravity(*gravity, experiment);
   for (TableReader& table : root.tables("support")) read_support(table, experiment);
   for (TableReader& table : root.tables("load"))
@@ -255,6 +422,8 @@ void read_specimen(TableReader& root, Experiment& experiment) {
     if (!support.control.empty()) controls.push_back({support.control, support.column, {Quantity::length}});
   }
   for (const auto& [id, column] : experiment.cables.columns) controls.push_back({id, column, {Quantity::length}});
+  for (const auto& [id, column] : experiment.cables.tension_columns)
+    controls.push_back({id, column, {Quantity::force, Quantity::torque}, true});
   experiment.contact.on = experiment.geometry.shape->defaults().contact;
   if (auto contact = root.optional_table("contact")) read_contact(*contact, experiment);
   const bool may_be_held =
@@ -265,6 +434,7 @@ void read_specimen(TableReader& root, Experiment& experiment) {
               "that hold the body");
   }
   for (TableReader& table : root.tables("channel")) read_channel(table, experiment);
+  for (TableReader& table : root.tables("marker")) read_marker(table, experiment);
   if (experiment.channels.empty())
     root.fail("", "there is no channel; add [[channel]] for what is measured, with id, point or on, and direction");
   // Loads without a column are no controls; a retraction may have several cables.
@@ -305,8 +475,12 @@ std::vector<std::string> columns_without_unit(TableReader root) {
   };
   for (TableReader& load : root.tables("load")) add(load, "column");
   if (auto cables = root.optional_table("cables")) {
-    add(*cables, "retraction");
-    for (TableReader& cable : cables->tables("cable")) add(cable, "retraction");
+    std::vector<TableReader> drives = cables->tables("cable");
+    drives.push_back(*cables);
+    for (TableReader& drive : drives) {
+      add(drive, "retraction");
+      if (!is_quantity(drive.text("tension", ""))) add(drive, "tension");
+    }
   }
   return columns;
 }

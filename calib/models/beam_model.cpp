@@ -205,6 +205,11 @@ void check(const Experiment& experiment, const Spine& spine) {
     refuse(experiment, "[contact]", "a beam does not touch itself; leave [contact] out");
   if (spine.stiff.empty() && !experiment.cables.cables.empty())
     refuse(experiment, "[cables]", "only a push_puppet's chain of beams has cables");
+  const auto unlike = [](const CableSettings& cable) { return cable.held || cable.own || cable.line; };
+  if (std::ranges::any_of(experiment.cables.cables, unlike))
+    refuse(experiment, "[cables]", "the cables of a chain of beams share one law and are retracted");
+  if (!experiment.base_at.empty() || !experiment.base_turn.empty())
+    refuse(experiment, "[base]", "a chain of beams stands as its geometry does");
 }
 
 /// The one whose end is clamped.

@@ -178,8 +178,11 @@ std::string percent(double fraction) {
 }
 
 /// In the order of Rung.
-constexpr std::array<const char*, 4> words{"a chain of beams", "finite elements with rigid segments", "the full model",
-                                           "the solid"};
+constexpr std::array<std::pair<Rung, const char*>, 4> rungs_in_words{
+    {{Rung::beam, "a chain of beams"},
+     {Rung::rigid_segments, "finite elements with rigid segments"},
+     {Rung::full, "the full model"},
+     {Rung::solid, "the solid"}}};
 
 /// One protocol for each rung that rows have been given to, and for paths with and without contact.
 std::vector<LadderProtocol::Part> make_parts(const Rows& rows, const Experiment& experiment,
@@ -245,7 +248,7 @@ std::set<int> lightest(const Rows& rows, const std::set<int>& some) {
 
 std::string describe(const Ladder& ladder, double tolerance, const std::string& solid_remark) {
   std::string text;
-  for (Rung rung : {Rung::beam, Rung::rigid_segments, Rung::full, Rung::solid}) {
+  for (const auto& [rung, words] : rungs_in_words) {
     int count = 0, closed = 0;
     double change = 0, compliance = 0;
     for (const RowChoice& row : ladder.rows) {
@@ -256,8 +259,7 @@ std::string describe(const Ladder& ladder, double tolerance, const std::string& 
       compliance = std::max(compliance, row.compliance);
     }
     if (count == 0) continue;
-    text += fmt::format("{}{} of {} rows from {}", text.empty() ? "" : "; ", count, ladder.rows.size(),
-                        words[static_cast<size_t>(rung)]);
+    text += fmt::format("{}{} of {} rows from {}", text.empty() ? "" : "; ", count, ladder.rows.size(), words);
     if (rung == Rung::beam)
       text += fmt::format(" (off by at most {})", percent(change));
     else if (rung == Rung::rigid_segments)

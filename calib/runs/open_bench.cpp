@@ -6,42 +6,69 @@
 
 #include "calib/models/beam_model.hpp"
 #include "calib/models/ladder.hpp"
+#include "calib/models/rod_model.hpp"
 
 namespace taut {
 namespace {
 
-ModelChoice beams(const Experiment& experiment, const Trials& trials) {
-  std::unique_ptr<BeamProtocol> protocol = make_beam_bench(experiment, trials).protocol;
+/// All rows by a model that states its errors.
+template <class StatingProtocol>
+ModelChoice one_rung(Rung rung, std::unique_ptr<StatingProtocol> protocol) {
   ModelChoice choice;
-  choice.model_of = [beams = protocol.get()](int row) {
-    return RowModel{std::string(name_of(Rung::beam)), beams->stated_error(row)};
+  choice.one_model = true;
+  choice.unknowns = protocol->unknowns();
+  choice.model_of = [model = protocol.get(), rung](int row) {
+    RowModel of_row{std::string(name_of(rung)), model->stated_error(row)};
+    if constexpr (requires { model->moved(row); }) of_row.of = model->moved(row);
+    return of_row;
   };
-  choice.doubt = [beams = protocol.get()] {
+  choice.doubt = [model = protocol.get(), rung] {
     int rows = 0;
     double largest = 0;
-    for (int row = 0; row < beams->row_count(); ++row) {
-      const double error = beams->stated_error(row);
+    for (int row = 0; row < model->row_count(); ++row) {
+      const double error = model->stated_error(row);
       rows += error <= 0.1 ? 0 : 1;
       if (error <= 0.1) largest = std::max(largest, error);
     }
-    std::string text = fmt::format("; the beams state errors of up to {:.2g} %", 100 * largest);
+    std::string text = fmt::format("; the {} states errors of up to {:.2g} %", name_of(rung), 100 * largest);
     if (rows > 0)
-      text += fmt::format(", and {} of {} rows are beyond what they describe within 10 %", rows, beams->row_count());
+      text += fmt::format(", and {} of {} rows are beyond what it describes within 10 %", rows, model->row_count());
     return text;
   };
   choice.protocol = std::move(protocol);
   return choice;
 }
 
-ModelChoice choose(const Experiment& experiment, const Trials& trials, const StaticReplay& full) {
-  if (experiment.model == Rung::beam) return beams(experiment, trials);
+ModelChoice choose(const Experiment& experiment, const Trials& trials, const StaticReplay& full,
+                   const std::vector<Dimension>& dimensions) {
+  if (experiment.model == Rung::beam) {
+    ModelChoice choice = one_rung(Rung::beam, make_beam_bench(experiment, trials).protocol);
+    choice.text = "chain of beams";
+    return choice;
+  }
+  if (experiment.model == Rung::rod) {
+    RodBench rod = make_rod_bench(experiment, trials, dimensions);
+    const std::string text = fmt::format("rod of {} elements", rod.protocol->elements());
+    const auto state = [model = rod.protocol.get(), &mesh = full.protocol->scene().model->mesh()](
+                           const auto& controls) { return model->displacements(mesh, controls); };
+    ModelChoice choice = one_rung(Rung::rod, std::move(rod.protocol));
+    choice.state = state;
+    choice.text = text;
+    choice.dimensions = dimensions;
+    choice.compared = false;
+    return choice;
+  }
   if (experiment.model != Rung::automatic) return {};
   Ladder ladder = climb(experiment, trials, full);
   const auto model_of = [rows = ladder.rows](int row) {
     const RowChoice& chosen = rows[static_cast<size_t>(row)];
     return RowModel{std::string(name_of(chosen.rung)), chosen.change};
   };
-  return {std::move(ladder.protocol), ladder.sentence, {}, model_of};
+  ModelChoice choice;
+  choice.protocol = std::move(ladder.protocol);
+  choice.sentence = ladder.sentence;
+  choice.model_of = model_of;
+  return choice;
 }
 
 }  // namespace

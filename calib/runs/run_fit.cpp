@@ -6,6 +6,7 @@
 #include <cmath>
 #include <map>
 #include <optional>
+#include <set>
 #include <tuple>
 
 #include "calib/benches/assumptions.hpp"
@@ -25,6 +26,28 @@ const ParameterEstimate* estimate_of(const FitResult& result, const std::string&
   return found == result.parameters.end() ? nullptr : &*found;
 }
 
+/// Of each marker, and of all together; none where there are no markers.
+std::vector<MarkerMisfit> marker_misfits(const Bench& bench, const Eigen::VectorXd& predicted) {
+  std::vector<MarkerMisfit> misfits;
+  std::map<std::string, std::pair<double, std::set<int>>> sums;  // squares and lines, of places
+  double all = 0;
+  for (const BenchReading& reading : bench.readings()) {
+    const std::string& marker = bench.experiment().channels[static_cast<size_t>(reading.channel)].marker;
+    if (marker.empty() || reading.excluded) continue;
+    auto& [squares, lines] = sums[marker];
+    squares += std::pow(predicted[reading.row] - reading.value, 2);
+    lines.insert(reading.line);
+  }
+  double places = 0;
+  for (const auto& [marker, sum] : sums) {
+    misfits.push_back({marker, std::sqrt(sum.first / static_cast<double>(sum.second.size()))});
+    all += sum.first;
+    places += static_cast<double>(sum.second.size());
+  }
+  if (!misfits.empty()) misfits.push_back({"all", std::sqrt(all / places)});
+  return misfits;
+}
+
 /// A fit as a row of the table of variants, its values in the order of the main fit's parameters.
 VariantRecord as_variant(const std::string& name, const Bench& bench, const FitResult& result, const FitResult& main,
                          double seconds) {
@@ -36,6 +59,12 @@ VariantRecord as_variant(const std::string& name, const Bench& bench, const FitR
     record.values.push_back(found != nullptr ? found->value : not_a_number);
     record.standard_errors.push_back(found != nullptr ? found->standard_error : not_a_number);
   }
+  for (const ParameterEstimate& e : result.parameters) {
+    if (estimate_of(main, e.spec.id) == nullptr)
+      record.further.push_back({e.spec.id, e.spec.unit, e.value, e.standard_error, std::string(name_of(e.verdict))});
+  }
+  if (result.predicted.size() > 0 && bench.experiment().kind->at_rest)
+    record.markers = marker_misfits(bench, result.predicted);
   return record;
 }
 
@@ -268,19 +297,18 @@ class Run {
     const Trials& trials = *bench_.trials_at_rest();
     const Ask ask = asking("share");
     std::vector<Share> shares;
-    if (bench_.one_model()) {
-      shares = discretisation_shares(experiment, trials, record_.fit, events_.show, ask);
-      if (auto share = section_share(experiment, trials, record_.fit, events_.show, ask)) shares.push_back(*share);
-    } else {
+    if (bench_.model_of(0))
       shares.push_back(model_share(bench_, record_.fit, ask));
-      if (all_rows_solid()) shares.push_back(no_section_share());
-      const bool beams = experiment.model == Rung::beam;  // "auto" looks at the section itself
-      experiment.model = Rung::full;                      // has every number that was taken for granted, near enough
-      if (beams) {
-        if (auto share = section_share(experiment, trials, record_.fit, events_.show, ask)) shares.push_back(*share);
-      }
+    else
+      shares = discretisation_shares(experiment, trials, record_.fit, events_.show, ask);
+    if (auto share = law_share(bench_, record_.fit, ask)) shares.push_back(*share);
+    if (all_rows_solid()) {
+      shares.push_back(no_section_share());
+    } else if (bench_.one_model()) {  // "auto" looks at the section itself
+      if (experiment.model == Rung::beam) experiment.model = Rung::full;
+      if (auto share = section_share(experiment, trials, record_.fit, events_.show, ask)) shares.push_back(*share);
     }
-    for (Share& share : assumption_shares(experiment, trials, record_.fit, events_.show, ask))
+    for (Share& share : assumption_shares(experiment, bench_.with_dimensions(), record_.fit, events_.show, ask))
       shares.push_back(std::move(share));
     if (stopped()) return;
     record_.shares = std::move(shares);
@@ -398,6 +426,8 @@ RunRecord start_record(const Bench& bench) {
   record.channels = bench.channels();
   record.load_control = bench.drawn_control();
   record.load_label = bench.drawn_label();
+  record.by_tension = record.load_control >= 0 && experiment.cables.tension_columns.contains(
+                                                      record.controls[static_cast<size_t>(record.load_control)].id);
   record.parameter_ids = table.ids();
   record.trend_degree = experiment.trend_degree;
   for (const BenchReading& from : bench.readings()) {
@@ -436,10 +466,27 @@ void fill_predictions(const Bench& bench, const Eigen::VectorXd& values, const E
 
 namespace {
 
+/// Whether nothing but the tensions of cables is set: then every setting is a part of its own.
+bool pulled_alone(const Bench& bench) {
+  const auto& tensions = bench.experiment().cables.tension_columns;
+  return !tensions.empty() &&
+         std::ranges::all_of(bench.controls(), [&](const AxisRecord& axis) { return tensions.contains(axis.id); });
+}
+
 /// Each value of a control that is held while loads are hung.
 std::vector<HeldOut> parts_held_out(const Bench& bench, const ExplainedReadings& readings, const Prediction& prediction,
                                     const FitResult& fit) {
   std::vector<HeldOut> parts;
+  if (pulled_alone(bench)) {
+    std::map<std::vector<double>, std::vector<size_t>> rows;
+    for (size_t i = 0; i < readings.readings.size(); ++i) rows[readings.readings[i].controls].push_back(i);
+    for (const auto& [controls, of_setting] : rows) {
+      std::vector<std::string> texts;
+      for (size_t k = 0; k < controls.size(); ++k) texts.push_back(bench.describe_control(k, controls[k]));
+      if (rows.size() > 1) parts.push_back(held_out(prediction, bench.measurements(), fit, join(texts), of_setting));
+    }
+    return parts;
+  }
   for (size_t k = 0; k < bench.controls().size(); ++k) {
     if (static_cast<int>(k) == bench.drawn_control()) continue;
     std::map<double, std::vector<size_t>> rows;
@@ -461,10 +508,10 @@ void explain(const Bench& bench, const Ask& ask, RunRecord& record) {
   }
   for (const AxisRecord& axis : bench.channels()) readings.channels.push_back({axis.id, axis.unit});
   const Trials* trials = bench.trials_at_rest();
-  std::optional<DimensionedProtocol> dimensioned;
-  if (trials != nullptr && bench.one_model() && bench.experiment().model == Rung::full)
-    dimensioned.emplace(bench.experiment(), *trials, dimensions_of(bench.experiment()));
-  Protocol& protocol = dimensioned ? static_cast<Protocol&>(*dimensioned) : bench.protocol();
+  std::optional<DimensionedModel> dimensioned;
+  const Rung rung = bench.experiment().model;
+  if (trials != nullptr && (rung == Rung::full || rung == Rung::rod)) dimensioned = bench.with_dimensions();
+  Protocol& protocol = dimensioned ? *dimensioned->protocol : bench.protocol();
   const ParameterTable& table = protocol.parameters();
   const Params p = dimensioned ? dimensioned->values_of(fit) : fit.p;
   std::vector<int> columns;
@@ -474,7 +521,7 @@ void explain(const Bench& bench, const Ask& ask, RunRecord& record) {
     columns.push_back(table.index(axis.id));
   }
   if (dimensioned) {
-    for (const Assumption& one : assumptions_of(bench.experiment(), table, p, dimensioned->dimensions())) {
+    for (const Assumption& one : assumptions_of(bench.experiment(), table, p, dimensioned->dimensions)) {
       if (one.id == "g" ||
           std::ranges::find(readings.controls, one.id, &ExplainedReadings::Axis::id) != readings.controls.end())
         continue;

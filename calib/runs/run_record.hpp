@@ -44,13 +44,31 @@ struct ReadingRecord {
   std::string equilibria = {};  ///< mark_of() its EquilibriaRecord; "": one equilibrium, and no jump near it
 };
 
-/// A refit with another element or mesh.
+/// A parameter of a refit that the main fit holds.
+struct FurtherRecord {
+  std::string id, unit;
+  double value = 0, standard_error = 0;  ///< SI
+  std::string verdict;                   ///< name_of() its
+};
+
+/// How far predictions are from a marker's measured places: root of the mean squared distance [m].
+struct MarkerMisfit {
+  std::string marker;
+  double rms = 0;
+};
+
+/// A refit with another element or mesh, or with further free parameters.
 struct VariantRecord {
   std::string name, mesh;  ///< its name, "quadratic, locking-free, 14 x 5 x 5 cells"; of a material point its law
   int unknowns = 0;        ///< of a material point: readings
   std::string status;      ///< of its fit
   std::vector<double> values, standard_errors;  ///< per free parameter, SI
   double chi_squared = 0, seconds = 0;
+  std::vector<FurtherRecord> further = {};
+  std::vector<MarkerMisfit> markers = {};  ///< of benches with markers; the last one, "all", of all together
+
+  /// Akaike's criterion up to a constant, for known sigmas: chi squared + 2 (free parameters).
+  double aic() const { return chi_squared + 2 * static_cast<double>(values.size() + further.size()); }
 };
 
 /// One parameter fitted to a part of the readings alone, everything else held.
@@ -96,6 +114,7 @@ struct RunRecord {
   std::vector<AxisRecord> channels;                        ///< all that readings and curves name
   std::string load_label;                                  ///< "load", for axes
   int load_control = -1;                   ///< index among the controls of the load that the figures are drawn over
+  bool by_tension = false;                 ///< that is a cable's tension, which is no load on what is measured
   std::vector<double> load_newtons;        ///< per reading: the load as a force [N]
   std::vector<std::string> series;         ///< per reading: as CurveRecord::series
   std::vector<std::string> parameter_ids;  ///< of fit.p, in its order

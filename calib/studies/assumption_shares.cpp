@@ -8,6 +8,7 @@
 #include "calib/benches/assumptions.hpp"
 #include "calib/benches/bench.hpp"
 #include "calib/benches/model.hpp"
+#include "sim/core/error.hpp"
 #include "sim/core/numbers.hpp"
 #include "sim/core/stopwatch.hpp"
 #include "sim/core/units.hpp"
@@ -40,16 +41,16 @@ std::vector<double> errors_of(const Eigen::VectorXd& shift, const FitResult& fit
 
 }  // namespace
 
-std::vector<Share> assumption_shares(const Experiment& experiment, const Trials& trials, const FitResult& fit,
+std::vector<Share> assumption_shares(const Experiment& experiment, const DimensionedModel& model, const FitResult& fit,
                                      const std::function<void(const std::string&)>& progress, const Ask& ask) {
   std::vector<Share> shares;
   if (fit.covariance.size() == 0) return shares;
   const Stopwatch watch;
   if (progress) progress("the shares of what was assumed");
-  DimensionedProtocol protocol(experiment, trials, dimensions_of(experiment));
+  Protocol& protocol = *model.protocol;
   const ParameterTable& table = protocol.parameters();
-  const Params p = protocol.values_of(fit);
-  const std::vector<Assumption> assumptions = assumptions_of(experiment, table, p, protocol.dimensions());
+  const Params p = model.values_of(fit);
+  const std::vector<Assumption> assumptions = assumptions_of(experiment, table, p, model.dimensions);
   const std::vector<FreeParameter> free = free_at(fit, table);
   std::vector<int> asked = indices_of(free);
   for (const Assumption& assumption : assumptions) asked.push_back(table.index(assumption.id));
@@ -59,21 +60,21 @@ std::vector<Share> assumption_shares(const Experiment& experiment, const Trials&
     shares.push_back({source, none, none, why});
     shares.back().counted = false;
   };
-  for (const std::string& sentence : protocol.left_out()) unknown(sentence.substr(0, sentence.find(':')), sentence);
+  for (const std::string& sentence : model.left_out) unknown(sentence.substr(0, sentence.find(':')), sentence);
   if (!whole.complete()) {
     unknown("what was assumed", whole.failures.front());
     return shares;
   }
   const Eigen::Index n = static_cast<Eigen::Index>(free.size());
   Prediction own{whole.values, whole.derivatives.leftCols(n), {}};
-  const std::vector<StaticRow>& rows = protocol.replay().protocol->rows();
   for (size_t a = 0; a < assumptions.size(); ++a) {
     const Assumption& assumption = assumptions[a];
     Eigen::VectorXd column = whole.derivatives.col(n + static_cast<Eigen::Index>(a));
     const double change = assumption.tolerance > 0 ? assumption.tolerance : unstated * std::abs(assumption.value);
     if (assumption.scale) {
       const size_t control = position_of_control(experiment, assumption.id);
-      for (size_t r = 0; r < rows.size(); ++r) column[static_cast<Eigen::Index>(r)] *= rows[r].controls[control];
+      for (size_t r = 0; r < model.rows.size(); ++r)
+        column[static_cast<Eigen::Index>(r)] *= model.rows[r].controls[control];
     }
     if (column.isZero(0)) continue;  // gravity without a weight, say
     Share& share = shares.emplace_back();
@@ -82,7 +83,7 @@ std::vector<Share> assumption_shares(const Experiment& experiment, const Trials&
       share.source = "zero of " + assumption.id;
     share.counted = assumption.tolerance > 0;
     share.bias.assign(free.size(), 0.0);
-    share.error = errors_of(shift_by(own, change * column, protocol.replay().measurements, table, p, free), fit);
+    share.error = errors_of(shift_by(own, change * column, model.measurements, table, p, free), fit);
     const std::string size =
         assumption.scale ? fmt::format("{:.3g} %", 100 * change) : with_unit(change, assumption.unit);
     share.how = share.counted
@@ -107,10 +108,10 @@ Share model_share(const Bench& bench, const FitResult& fit, const Ask& ask) {
   double largest = 0;
   int unknown = 0;
   for (Eigen::Index row = 0; row < change.size(); ++row) {
-    const double error = bench.model_of(static_cast<int>(row)).value_or(RowModel{}).error;
-    change[row] *= error;
-    largest = std::max(largest, std::abs(error));  // leaves NaN out
-    if (!std::isfinite(error)) ++unknown;
+    const RowModel model = bench.model_of(static_cast<int>(row)).value_or(RowModel{});
+    change[row] = model.error * model.of.value_or(change[row]);
+    largest = std::max(largest, std::abs(model.error));  // leaves NaN out
+    if (!std::isfinite(model.error)) ++unknown;
   }
   if (!own.complete()) {
     share.how = own.failures.front();
@@ -119,7 +120,41 @@ Share model_share(const Bench& bench, const FitResult& fit, const Ask& ask) {
   } else {
     share.bias.assign(free.size(), 0.0);
     share.error = errors_of(shift_by(own, change, bench.measurements(), table, fit.p, free), fit);
-    share.how = fmt::format("rows off by what their models state, up to {:.2g} %, all to one side", 100 * largest);
+    share.how = fmt::format("rows off by what their models state, up to {:.2g} %{}, all to one side", 100 * largest,
+                            bench.model_of(0)->of ? " of what they have moved" : "");
+  }
+  share.seconds = watch.seconds();
+  return share;
+}
+
+std::optional<Share> law_share(const Bench& bench, const FitResult& fit, const Ask& ask) {
+  const Experiment& experiment = bench.experiment();
+  if (experiment.model != Rung::rod) return std::nullopt;
+  const Stopwatch watch;
+  VariantSettings other;
+  other.mesh = experiment.mesh;
+  for (const auto& [name, law] : section_laws()) {
+    if (law != experiment.rod_section) other.law = name;
+  }
+  const std::unique_ptr<Bench> there = bench.with(other);
+  const ParameterTable& table = bench.protocol().parameters();
+  const std::vector<FreeParameter> free = free_at(fit, table);
+  const auto step = [&](const Bench& of) {
+    const std::vector<int> columns = indices_of(free);
+    const Prediction own = ask ? ask(of.protocol(), fit.p, columns) : of.protocol().predict(fit.p, columns);
+    if (!own.complete()) throw InputError(own.failures.front());
+    return gauss_newton_step(own, bench.measurements(), table, fit.p, free);
+  };
+  Share share;
+  share.source = "section law";
+  share.bias.assign(free.size(), 0.0);
+  try {
+    share.error = errors_of(step(*there) - step(bench), fit);
+    share.how = fmt::format("one Gauss-Newton step at the optimum with rod_section = \"{}\"", other.law);
+  } catch (const InputError& error) {
+    share.bias.assign(free.size(), not_a_number);
+    share.error = share.bias;
+    share.how = fmt::format("rod_section = \"{}\": {}", other.law, error.what());
   }
   share.seconds = watch.seconds();
   return share;
@@ -140,7 +175,7 @@ TotalInterval total_interval(const ParameterEstimate& estimate, const std::vecto
     total.lower = estimate.value - std::hypot(estimate.value - *estimate.lower95, std::sqrt(squares));
   if (estimate.upper95)
     total.upper = estimate.value + std::hypot(*estimate.upper95 - estimate.value, std::sqrt(squares));
-  if (total.lower && estimate.spec.logarithmic) total.lower = std::max(*total.lower, 0.0);
+  if (total.lower) total.lower = std::max(*total.lower, estimate.spec.logarithmic ? 0.0 : estimate.spec.lower);
   return total;
 }
 

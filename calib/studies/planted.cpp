@@ -184,7 +184,8 @@ void fit_off(const PlantedBench& bench, PlantedResult& result) {
   if (found.status == FitStatus::converged) {
     Experiment experiment = bench.experiment;
     shares = discretisation_shares(experiment, bench.trials, found);
-    for (Share& share : assumption_shares(experiment, bench.trials, found)) shares.push_back(std::move(share));
+    for (Share& share : assumption_shares(experiment, dimensioned(experiment, bench.trials), found))
+      shares.push_back(std::move(share));
   }
   for (size_t j = 0; j < found.parameters.size(); ++j) {
     const ParameterEstimate& e = found.parameters[j];

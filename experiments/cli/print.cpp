@@ -118,6 +118,13 @@ void print_goodness(const FitResult& fit) {
   }
 }
 
+void print_markers(const VariantRecord& fit) {
+  std::string text;
+  for (const MarkerMisfit& misfit : fit.markers)
+    text += fmt::format("{}{} {:.1f} mm", text.empty() ? "" : ", ", misfit.marker, 1e3 * misfit.rms);
+  if (!text.empty()) fmt::print("  distance from the measured places (root mean square): {}\n", text);
+}
+
 void print_variant(const RunRecord& record, const VariantRecord& variant) {
   std::string values;
   for (size_t j = 0; j < variant.values.size(); ++j) {
@@ -127,6 +134,12 @@ void print_variant(const RunRecord& record, const VariantRecord& variant) {
   }
   if (over_strain(record) && !values.empty())
     values += fmt::format("; chi squared {:.4g} of {} readings", variant.chi_squared, variant.unknowns);
+  if (!variant.further.empty()) {
+    fmt::print("variant {:<22} chi squared {:.4g}, AIC {:+.1f}; {}; {}\n", variant.name, variant.chi_squared,
+               variant.aic() - record.main.aic(), values, further_text(variant));
+    print_markers(variant);
+    return;
+  }
   fmt::print("variant {:<22} {:<48} {}\n", variant.name, variant.mesh, values.empty() ? variant.status : values);
 }
 
@@ -207,7 +220,9 @@ void print_fit(const RunRecord& record) {
                beside(diagnostic.value, diagnostic.standard_error, e->spec.unit), diagnostic.readings);
   }
   for (const DiagnosticGroup& group : diagnostic_groups(record)) fmt::print("  {}\n", interpretation(record, group));
+  print_markers(record.main);
   for (const VariantRecord& variant : record.variants) print_variant(record, variant);
+  for (const std::string& limit : spread_over_sets(record)) fmt::print("{}\n", limit);
   for (const ReferenceRecord& reference : record.references) {
     const auto e = estimate_of(reference.parameter);
     if (e == fit.parameters.end()) continue;

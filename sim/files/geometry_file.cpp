@@ -37,6 +37,13 @@ struct KeyReader {
     if (std::any_of(values->begin(), values->end(), [&](double value) { return !key.allowed.holds(value); }))
       table.fail(key.key, "all lengths must be positive");
   }
+  void operator()(LengthList* list) const {
+    if (!key.required && !table.has(key.key)) return;
+    list->values = table.quantities(key.key, key.quantity, 0);
+    if (list->values.empty()) table.fail(key.key, "the list is empty; give at least one length");
+    if (std::any_of(list->values.begin(), list->values.end(), [&](double value) { return !key.allowed.holds(value); }))
+      table.fail(key.key, key.allowed.open ? "all lengths must be positive" : "all lengths must be zero or more");
+  }
   void operator()(InputFile* file) const { file->path = path_beside(path, table.text(key.key)); }
   void operator()(LengthUnit* unit) const {
     unit->metres = unit_factor(table.text(key.key), Quantity::length, table.where(key.key));

@@ -47,8 +47,7 @@ struct TableReader::Nodes {
       const double value = parse_quantity(number, quantity, where);
       if (!tolerance.empty()) {
         const std::string place =
-            fmt::format("{}{}.{}{}", reader.name_, reader.number_ == 0 ? "" : fmt::format(".{}", reader.number_), key,
-                        entry == 0 ? "" : fmt::format(".{}", entry));
+            fmt::format("{}.{}{}", reader.place_, key, entry == 0 ? "" : fmt::format(".{}", entry));
         (*reader.tolerances_)[place] = {
             half_width(tolerance, value, number.find('%') == std::string::npos, quantity, where), where};
       }
@@ -290,7 +289,8 @@ std::vector<TableReader> TableReader::tables(std::string_view key) {
     fail(key, fmt::format("this is a list of tables; write [[{}]]", name));
   for (const toml::node& element : *array) {
     readers.push_back(TableReader(element.as_table(), file_, name, tolerances_));
-    readers.back().number_ = readers.size();
+    const auto id = (*element.as_table())["id"].value_exact<std::string>();
+    readers.back().place_ += "." + id.value_or(std::to_string(readers.size()));
   }
   return readers;
 }

@@ -19,7 +19,7 @@ struct Tolerance {
   double half_width = 0;  ///< in the SI unit of the value, > 0
   std::string where;      ///< "file:line: [table] key", as messages begin
 };
-/// By their places, "geometry.gap_total", of lists "geometry.size.1".
+/// By their places, "geometry.gap_total", of lists "geometry.size.1", in arrays of tables "marker.ID.s".
 using Tolerances = std::map<std::string, Tolerance>;
 
 /// A parsed TOML file. Readers of its tables are valid as long as it lives.
@@ -106,11 +106,15 @@ class TableReader {
   friend class TomlFile;
   struct Nodes;  ///< what needs the TOML library, in the source file
   TableReader(const void* table, std::string file, std::string name, std::shared_ptr<Tolerances> tolerances)
-      : table_(table), file_(std::move(file)), name_(std::move(name)), tolerances_(std::move(tolerances)) {}
+      : table_(table),
+        file_(std::move(file)),
+        name_(std::move(name)),
+        place_(name_),
+        tolerances_(std::move(tolerances)) {}
 
   const void* table_;  ///< a toml::table
   std::string file_, name_;
-  size_t number_ = 0;  ///< in a list of tables, from 1; 0: it is in none
+  std::string place_;  ///< of tolerances: the name, in arrays of tables with the id or, where there is none, the number
   std::shared_ptr<Tolerances> tolerances_;
   std::vector<std::string> asked_;
 };

@@ -261,16 +261,9 @@ Mesh merge(const std::vector<std::pair<std::string, Mesh>>& parts) {
   return whole;
 }
 
-void place(Mesh& mesh, double angle, const Eigen::VectorXd& shift) {
+void place(Mesh& mesh, const Eigen::MatrixXd& rotation, const Eigen::VectorXd& shift) {
   const int d = mesh.dimension();
-  const double c = std::cos(angle), s = std::sin(angle);
-  for (int i = 0; i < mesh.node_count(); ++i) {
-    auto x = mesh.X.segment(i * d, d);
-    const double first = c * x[0] - s * x[1], second = s * x[0] + c * x[1];
-    x[0] = first;
-    x[1] = second;
-    x += shift;
-  }
+  for (int i = 0; i < mesh.node_count(); ++i) mesh.X.segment(i * d, d) = rotation * mesh.node(i) + shift;
 }
 
 void Mesh::check(std::string_view where) const {

@@ -111,7 +111,7 @@ MaterialPoint locate(const Mesh& mesh, const Eigen::VectorXd& point, const Part&
 /// twice.
 Mesh merge(const std::vector<std::pair<std::string, Mesh>>& parts);
 
-/// Turns a mesh about the origin (2D, counter-clockwise, [rad]) and then shifts it [m].
-void place(Mesh& mesh, double angle, const Eigen::VectorXd& shift);
+/// Moves a mesh: x = rotation X + shift [m], a square matrix of the mesh's dimension.
+void place(Mesh& mesh, const Eigen::MatrixXd& rotation, const Eigen::VectorXd& shift);
 
 }  // namespace taut

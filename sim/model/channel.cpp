@@ -4,6 +4,8 @@
 #include <Eigen/LU>
 #include <Eigen/SVD>
 #include <cmath>
+#include <map>
+#include <utility>
 
 #include "sim/core/dense.hpp"
 #include "sim/core/error.hpp"
@@ -28,33 +30,31 @@ Eigen::Vector3d lift(const Eigen::VectorXd& v) {
   return lifted;
 }
 
-/// Rotation R of a patch of nodes, by the polar decomposition A = R S of its moment A = sum_i w_i (x_i - x_c)(X_i -
-/// X_c)^T. Treats 2D as 3D with zero third components: there the rotation is about the third axis, which a third, unit
-/// moment of the patch about its own plane keeps well defined.
+/// Material points with equal weights.
+struct Section {
+  const std::vector<MaterialPoint>& points;
+};
+
+/// Rotation R of a patch of nodes or of material points, by the polar decomposition A = R S of its moment A = sum_i w_i
+/// (x_i - x_c)(X_i - X_c)^T, which is linear in the displacements of nodes: A = M + sum_a u_a lever_a^T. Treats 2D as
+/// 3D with zero third components: there the rotation is about the third axis, which a third, unit moment of the patch
+/// about its own plane keeps well defined.
 class PatchRotation {
  public:
   PatchRotation(const Mesh& mesh, const Tag& patch) : dimension_(mesh.dimension()) {
-    nodes_ = patch.nodes();
     // A node's share of the patch; quadratic faces have none at vertices, which is as good a sample of the rotation.
     const Eigen::VectorXd share = mean_weights(mesh, patch, Eigen::VectorXd::Unit(dimension_, 0));
-    Eigen::Vector3d centre = Eigen::Vector3d::Zero();
-    for (int node : nodes_) {
-      shares_.push_back(share[node * dimension_]);
-      centre += shares_.back() * lift(mesh.node(node));
+    std::vector<MaterialPoint> samples;
+    std::vector<double> weights;
+    for (int node : patch.nodes()) {
+      samples.push_back({{node}, {1.0}});
+      weights.push_back(share[node * dimension_]);
     }
-    Eigen::Matrix3d moment = Eigen::Matrix3d::Zero();
-    for (size_t i = 0; i < nodes_.size(); ++i) {
-      arms_.push_back(lift(mesh.node(nodes_[i])) - centre);
-      moment += shares_[i] * arms_.back() * arms_.back().transpose();
-    }
-    if (dimension_ == 2) moment(2, 2) = moment.trace();
-    moment_ = moment;
-    const Eigen::Vector3d spread = symmetric_modes(moment).values;
-    if (!(spread[1] > 1e-12 * mesh.diagonal() * mesh.diagonal())) {
-      throw InputError(
-          "a marker or a rotation needs a patch that has a rotation, not a single point or (in 3D) a straight line; "
-          "name a face");
-    }
+    gather(mesh, samples, weights);
+  }
+  PatchRotation(const Mesh& mesh, const Section& section) : dimension_(mesh.dimension()) {
+    const size_t count = section.points.size();
+    gather(mesh, section.points, std::vector<double>(count, 1.0 / static_cast<double>(count)));
   }
 
   Eigen::Matrix3d at(const Eigen::VectorXd& u) const { return polar(shape(u)); }
@@ -67,20 +67,53 @@ class PatchRotation {
     const Eigen::Matrix3d A = shape(u), R = polar(A), S = R.transpose() * A;
     const Eigen::Matrix3d G = S.trace() * Eigen::Matrix3d::Identity() - 0.5 * (S + S.transpose());
     const Eigen::Vector3d lever = G.inverse() * q(R);
-    // dA = sum_i share_i du_i arm_i^T, because the arms' weighted sum is zero. axial(R^T dA - ...) = sum share_i arm_i
-    // x R^T du_i
+    // dA = sum_a du_a lever_a^T, and axial(R^T dA - ...) = sum_a lever_a x R^T du_a
     for (size_t i = 0; i < nodes_.size(); ++i) {
-      const Eigen::Vector3d g = shares_[i] * (R * lever.cross(arms_[i]));
+      const Eigen::Vector3d g = R * lever.cross(levers_[i]);
       gradient.segment(nodes_[i] * dimension_, dimension_) += g.head(dimension_);
     }
   }
 
  private:
+  /// M, and the lever of each node: sum over the samples of weight times shape function times arm from the centre. The
+  /// centre's own motion drops out, because the arms' weighted sum is zero.
+  void gather(const Mesh& mesh, const std::vector<MaterialPoint>& samples, const std::vector<double>& weights) {
+    std::vector<Eigen::Vector3d> arms;
+    Eigen::Vector3d centre = Eigen::Vector3d::Zero();
+    for (size_t i = 0; i < samples.size(); ++i) {
+      arms.emplace_back(Eigen::Vector3d::Zero());
+      for (size_t a = 0; a < samples[i].nodes.size(); ++a)
+        arms[i] += samples[i].weights[a] * lift(mesh.node(samples[i].nodes[a]));
+      centre += weights[i] * arms[i];
+    }
+    std::map<int, Eigen::Vector3d> levers;
+    Eigen::Matrix3d moment = Eigen::Matrix3d::Zero();
+    for (size_t i = 0; i < samples.size(); ++i) {
+      arms[i] -= centre;
+      moment += weights[i] * arms[i] * arms[i].transpose();
+      for (size_t a = 0; a < samples[i].nodes.size(); ++a) {
+        levers.try_emplace(samples[i].nodes[a], Eigen::Vector3d::Zero()).first->second +=
+            weights[i] * samples[i].weights[a] * arms[i];
+      }
+    }
+    for (const auto& [node, lever] : levers) {
+      nodes_.push_back(node);
+      levers_.push_back(lever);
+    }
+    if (dimension_ == 2) moment(2, 2) = moment.trace();
+    moment_ = moment;
+    const Eigen::Vector3d spread = symmetric_modes(moment).values;
+    if (!(spread[1] > 1e-12 * mesh.diagonal() * mesh.diagonal())) {
+      throw InputError(
+          "a marker or a rotation needs a patch that has a rotation, not a single point or (in 3D) a straight line; "
+          "name a face");
+    }
+  }
+
   Eigen::Matrix3d shape(const Eigen::VectorXd& u) const {
     Eigen::Matrix3d A = moment_;
-    for (size_t i = 0; i < nodes_.size(); ++i) {
-      A += shares_[i] * lift(u.segment(nodes_[i] * dimension_, dimension_)) * arms_[i].transpose();
-    }
+    for (size_t i = 0; i < nodes_.size(); ++i)
+      A += lift(u.segment(nodes_[i] * dimension_, dimension_)) * levers_[i].transpose();
     return A;
   }
 
@@ -92,19 +125,19 @@ class PatchRotation {
 
   int dimension_;
   std::vector<int> nodes_;
-  std::vector<double> shares_;
-  std::vector<Eigen::Vector3d> arms_;
+  std::vector<Eigen::Vector3d> levers_;
   Eigen::Matrix3d moment_;
 };
 
 class MarkerChannel final : public Channel {
  public:
-  MarkerChannel(const Mesh& mesh, const MaterialPoint& foot, const Eigen::VectorXd& standoff, const Tag& patch,
+  /// `foot`: displacement weights of the foot's component.
+  MarkerChannel(Eigen::VectorXd foot, const Eigen::VectorXd& standoff, PatchRotation rotation,
                 const Eigen::VectorXd& direction)
-      : foot_(point_weights(mesh, foot, direction)),
+      : foot_(std::move(foot)),
         standoff_(lift(standoff)),
         direction_(lift(direction).normalized()),
-        rotation_(mesh, patch) {}
+        rotation_(std::move(rotation)) {}
 
   double value(const Point& at) const override {
     return foot_.dot(at.u) + direction_.dot(rotation_.at(at.u) * standoff_ - standoff_);
@@ -163,7 +196,17 @@ std::unique_ptr<Channel> make_linear_channel(Eigen::VectorXd weights) {
 std::unique_ptr<Channel> make_marker_channel(const Mesh& mesh, const MaterialPoint& foot,
                                              const Eigen::VectorXd& standoff, const Tag& patch,
                                              const Eigen::VectorXd& direction) {
-  return std::make_unique<MarkerChannel>(mesh, foot, standoff, patch, direction);
+  return std::make_unique<MarkerChannel>(point_weights(mesh, foot, direction), standoff, PatchRotation(mesh, patch),
+                                         direction);
+}
+
+std::unique_ptr<Channel> make_marker_channel(const Mesh& mesh, const std::vector<MaterialPoint>& section,
+                                             const Eigen::VectorXd& standoff, const Eigen::VectorXd& direction) {
+  PatchRotation rotation(mesh, Section{section});
+  Eigen::VectorXd foot = Eigen::VectorXd::Zero(mesh.X.size());
+  for (const MaterialPoint& point : section)
+    foot += point_weights(mesh, point, direction) / static_cast<double>(section.size());
+  return std::make_unique<MarkerChannel>(std::move(foot), standoff, std::move(rotation), direction);
 }
 
 std::unique_ptr<Channel> make_rotation_channel(const Mesh& mesh, const Tag& patch, const Eigen::VectorXd& axis) {

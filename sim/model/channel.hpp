@@ -1,6 +1,7 @@
 #pragma once
 #include <Eigen/Core>
 #include <memory>
+#include <vector>
 
 #include "sim/mesh/mesh.hpp"
 #include "sim/model/term.hpp"
@@ -33,6 +34,11 @@ std::unique_ptr<Channel> make_linear_channel(Eigen::VectorXd weights);
 std::unique_ptr<Channel> make_marker_channel(const Mesh& mesh, const MaterialPoint& foot,
                                              const Eigen::VectorXd& standoff, const Tag& patch,
                                              const Eigen::VectorXd& direction);
+
+/// The same for a marker whose foot is the mean of some material points, with which it turns: the patch is those
+/// points, all of one weight. Throws as above.
+std::unique_ptr<Channel> make_marker_channel(const Mesh& mesh, const std::vector<MaterialPoint>& section,
+                                             const Eigen::VectorXd& standoff, const Eigen::VectorXd& direction);
 
 /// Rotation of a patch from rest [rad], that of the polar decomposition above: in 2D its angle, counter-clockwise; in
 /// 3D its component about `axis` (normalised here), atan2(axis . w, tr R - 1) with w the axial vector of R - R^T, which

@@ -32,15 +32,6 @@ bool may_be_rigid(const Setup& setup, const MaterialSettings& material) {
   return modulus_of(material) > 100 * softest(setup);
 }
 
-/// A point of a body's own frame in the world at rest.
-Eigen::VectorXd placed(const BodySettings& body, const Eigen::VectorXd& point) {
-  if (body.at.empty()) return point;
-  Eigen::VectorXd x = point;
-  x[0] = std::cos(body.angle) * point[0] - std::sin(body.angle) * point[1];
-  x[1] = std::sin(body.angle) * point[0] + std::cos(body.angle) * point[1];
-  return x + vector_of(body.at);
-}
-
 Mesh make_whole(const Setup& setup) {
   std::vector<std::pair<std::string, Mesh>> parts;
   for (const BodySettings& body : setup.bodies) {
@@ -48,7 +39,10 @@ Mesh make_whole(const Setup& setup) {
       MeshSettings settings = body.mesh;
       if (settings.contact_gap == 0) settings.contact_gap = setup.contact.gap;
       Mesh mesh = make_mesh(body.geometry, settings, setup.contact.on, setup.contact.compensate);
-      if (!body.at.empty()) place(mesh, body.angle, vector_of(body.at));
+      if (!body.at.empty() || body.angle != 0 || !body.turn.empty()) {
+        const int d = mesh.dimension();
+        place(mesh, rotation_of(body, d), body.at.empty() ? Eigen::VectorXd::Zero(d).eval() : vector_of(body.at));
+      }
       parts.emplace_back(body.name, std::move(mesh));
     });
   }
@@ -68,6 +62,8 @@ ParameterSpec control_spec(const std::string& id, Quantity quantity) {
       return {id, "u", "m", -1e3, 1e3, "prescribed displacement or retraction"};
     case Quantity::angle:
       return {id, "theta", "rad", -1e9, 1e9, "angle of a motor"};
+    case Quantity::torque:
+      return {id, "tau", "Nm", -1e9, 1e9, "torque of a spool"};
     default:
       return {id, "F", "N", -1e9, 1e9, "force"};
   }
@@ -230,6 +226,8 @@ class Assembler {
     if (mass && options_.over_time) builder_.add_point_mass(load.on, control);
   }
 
+  static bool shares_law(const CableSettings& cable) { return !cable.own && !cable.held; }
+
   /// k_cable and slack. EA means one stiffness for all only where all have one length.
   void declare_shared_law(int& k, int& slack) {
     const CablesSettings& settings = setup_.cables;
@@ -239,10 +237,10 @@ class Assembler {
       for (size_t i = 1; i < points.size(); ++i) length += (points[i] - points[i - 1]).norm();
       return length;
     };
-    const CableSettings& first = settings.cables.front();
+    const CableSettings& first = *std::find_if(settings.cables.begin(), settings.cables.end(), shares_law);
     const double length = length_of(first);
     for (const CableSettings& cable : settings.cables) {
-      if (settings.EA && std::abs(length_of(cable) - length) > 1e-9 * length) {
+      if (settings.EA && shares_law(cable) && std::abs(length_of(cable) - length) > 1e-9 * length) {
         throw InputError(
             fmt::format("EA gives cables of different lengths different stiffnesses, but all share k_cable: '{}' is "
                         "{:.4g} mm long and "
@@ -257,9 +255,26 @@ class Assembler {
         settings.slack);
   }
 
+  /// Points along a row of eyelets in the world at rest.
+  std::vector<Eigen::VectorXd> points_along(const EyeletLine& line, const BodySettings& body) const {
+    const BodyAxis axis = axis_of(body);
+    if (line.pieces < 1)
+      throw InputError(fmt::format("a row of eyelets has {} pieces of cable; at least 1 is needed", line.pieces));
+    std::vector<Eigen::VectorXd> points;
+    for (int i = 0; i <= line.pieces; ++i) {
+      const double t = static_cast<double>(i) / line.pieces;
+      points.push_back(
+          axis.point(std::lerp(line.start, line.end, t), std::lerp(line.offset, line.end_offset, t), line.angle));
+      // On the plane of symmetry of a solid that is swept from a section.
+      if (depth_cells(setup_) > 0) points.back() = Eigen::Vector3d(points.back()[0], points.back()[1], 0);
+    }
+    return points;
+  }
+
   /// Points of a cable in the world at rest: its own, or one of those that its body's geometry has.
   std::vector<Eigen::VectorXd> points_of(const CableSettings& cable) const {
     const BodySettings& body = body_called(setup_, cable.body);
+    if (cable.line) return points_along(*cable.line, body);
     std::vector<Eigen::VectorXd> points;
     for (const std::vector<double>& point : cable.points) points.push_back(vector_of(point));
     if (points.empty()) points = own_cable(body.geometry, cable.path);
@@ -267,12 +282,30 @@ class Assembler {
     return points;
   }
 
+  /// The tension of a cable that has no law: a control, or a constant that does not pull at rest.
+  void declare_tension(const CableSettings& cable, Cable& made) {
+    if (cable.control.empty()) {
+      made.tension = builder_.declare({"tension_" + cable.id, "T", "N", 0, 1e9, "held tension of cable " + cable.id},
+                                      cable.tension);
+      built_.off_at_rest.push_back(made.tension);
+    } else {
+      made.tension = index_of(cable.control);
+      if (cable.spool > 0) made.per_control = 1 / cable.spool;
+    }
+    const ParameterTable& parameters = builder_.parameters();
+    made.tension_scale = parameters.contains("tension_scale")
+                             ? parameters.index("tension_scale")
+                             : builder_.declare({"tension_scale", "c_T", "1", 0, 10, "factor of all held tensions"}, 1);
+  }
+
   void add_cables() {
     int shared_k = -1, shared_slack = -1;
     const auto add = [&](const CableSettings& cable) {
       const std::string& id = cable.id;
       Cable made;
-      if (cable.own) {
+      if (cable.held) {
+        declare_tension(cable, made);
+      } else if (cable.own) {
         made.stiffness = builder_.declare({"k_" + id, "k", "N/m", 1e-3, 1e12, "stiffness of cable " + id, true},
                                           cable.own->k.value());
         made.slack = builder_.declare({"slack_" + id, "s", "m", -10, 10, "slack of cable " + id}, cable.own->slack);
@@ -283,11 +316,12 @@ class Assembler {
         made.smoothing = setup_.cables.smoothing;
       }
       made.share = setup_.share();
-      if (!cable.control.empty()) made.retraction = index_of(cable.control);
+      if (!cable.control.empty() && !cable.held) made.retraction = index_of(cable.control);
       const std::vector<Eigen::VectorXd> points = points_of(cable);
       const Mesh& mesh = builder_.mesh();
       for (size_t i = 0; i < points.size(); ++i) {
-        const bool fixed = (i == 0 && cable.start_fixed) || (i + 1 == points.size() && cable.end_fixed);
+        const bool fixed =
+            !cable.line && ((i == 0 && cable.start_fixed) || (i + 1 == points.size() && cable.end_fixed));
         const auto inside = [&] {
           return cable.body.empty() ? locate(mesh, points[i]) : locate(mesh, points[i], mesh.part(cable.body));
         };
@@ -296,8 +330,7 @@ class Assembler {
       builder_.add_cable(made);
       built_.cables.push_back(std::move(made));
     };
-    if (std::any_of(setup_.cables.cables.begin(), setup_.cables.cables.end(),
-                    [](const CableSettings& cable) { return !cable.own; }))
+    if (std::any_of(setup_.cables.cables.begin(), setup_.cables.cables.end(), shares_law))
       at(setup_, "[cables]", [&] { declare_shared_law(shared_k, shared_slack); });
     for (const CableSettings& cable : setup_.cables.cables)
       at(setup_, fmt::format("{} '{}'", cable.own ? "[[cable]]" : "cable", cable.id), [&] { add(cable); });
@@ -367,7 +400,8 @@ class Assembler {
     SceneReading reading;
     reading.id = channel.id;
     reading.unit = channel.kind->unit;
-    reading.meaning = fmt::format("{} {}", channel.kind->meaning, channel.on.empty() ? "a point" : channel.on);
+    const std::string of = channel.marker.empty() ? channel.on : "marker " + channel.marker;
+    reading.meaning = fmt::format("{} {}", channel.kind->meaning, of.empty() ? "a point" : of);
     reading.channel = channel.kind->make(
         {channel, setup_, *built_.scene.model, built_.cables, built_.joints, options_.rigid_segments, reading});
     return reading;

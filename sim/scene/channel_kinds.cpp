@@ -1,6 +1,9 @@
 #include "sim/scene/channel_kinds.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
+#include <cmath>
 
 #include "sim/core/error.hpp"
 #include "sim/mesh/weights.hpp"
@@ -42,13 +45,63 @@ Eigen::VectorXd place_weights(const ChannelParts& of) {
                                   : centre_weights(of, *body, of.direction());
 }
 
+/// A marker on the axis of a body at rest.
+struct AxisMarker {
+  Eigen::VectorXd standoff;            ///< [m]
+  Eigen::VectorXd place;               ///< where the marker is [m]
+  std::vector<MaterialPoint> section;  ///< whose mean is its foot, and with which it turns
+};
+
+/// The section's points are those whose mean square distances from the axis are the section's own, A and I: the mean of
+/// whatever is quadratic across it is exact, and inside it they are, whether it is solid or hollow.
+AxisMarker axis_marker(const ChannelParts& of) {
+  const ChannelSettings& channel = of.channel;
+  const Mesh& mesh = of.mesh();
+  const auto& bodies = of.setup.bodies;
+  const auto called =
+      std::find_if(bodies.begin(), bodies.end(), [&](const BodySettings& body) { return body.name == channel.on; });
+  const BodySettings& body = called == bodies.end() ? bodies.front() : *called;
+  const BodyAxis axis = axis_of(body);
+  const int d = static_cast<int>(axis.origin.size());
+  if (d != mesh.dimension())
+    throw InputError("a marker on the axis is for a plane or a whole body, not for half of a solid; give its 'point'");
+  if (!(*channel.foot >= 0 && *channel.foot <= axis.length)) {
+    throw InputError(fmt::format("a marker's foot is {} along the axis, which goes from 0 to {}; put it there",
+                                 in_mm(*channel.foot), in_mm(axis.length)));
+  }
+  AxisMarker marker;
+  marker.standoff = Eigen::VectorXd::Zero(d);
+  if (!channel.standoff.empty()) marker.standoff = rotation_of(body, d) * vector_of(channel.standoff);
+  const Eigen::VectorXd foot = axis.point(*channel.foot, 0, 0);
+  marker.place = foot + marker.standoff;
+  const CrossSection section = axis.section(*channel.foot);
+  const auto sample = [&](const Eigen::VectorXd& direction, double moment) {
+    for (double side : {1.0, -1.0}) {
+      // Half of the points in 3D are on the other direction.
+      const Eigen::VectorXd point = foot + side * std::sqrt((d - 1) * moment / section.area) * direction;
+      marker.section.push_back(body.name.empty() ? locate(mesh, point) : locate(mesh, point, mesh.part(body.name)));
+    }
+  };
+  sample(axis.first, section.second);
+  if (d == 3) sample(axis.second, section.first);
+  return marker;
+}
+
 std::unique_ptr<Channel> make_displacement(const ChannelParts& of) {
+  if (of.channel.foot) {
+    const AxisMarker marker = axis_marker(of);
+    return make_marker_channel(of.mesh(), marker.section, marker.standoff, of.direction());
+  }
   if (of.channel.standoff.empty() || of.channel.point.empty()) return make_linear_channel(place_weights(of));
   return make_marker_channel(of.mesh(), locate(of.mesh(), vector_of(of.channel.point)), vector_of(of.channel.standoff),
                              of.mesh().select(of.channel.turns_with), of.direction());
 }
 
 std::unique_ptr<Channel> make_position(const ChannelParts& of) {
+  if (of.channel.foot) {
+    of.reading.rest = of.direction().normalized().dot(axis_marker(of).place);
+    return make_displacement(of);
+  }
   of.reading.rest = place_weights(of).dot(of.mesh().X);
   if (!of.channel.standoff.empty() && !of.channel.point.empty())
     of.reading.rest += of.direction().normalized().dot(vector_of(of.channel.standoff));

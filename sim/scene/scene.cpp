@@ -251,7 +251,8 @@ void SceneBuilder::add_cable(const Cable& cable) {
   std::vector<int>& nodes = cables_.emplace_back();
   for (const CablePoint& point : cable.points)
     nodes.push_back(point.material.nodes.empty() ? -1 : point.material.nodes.front());
-  terms_.push_back(make_cable(mesh_, cable));
+  if (cable.tension < 0) return terms_.push_back(make_cable(mesh_, cable));
+  for (std::unique_ptr<Term>& piece : make_held_cable(mesh_, cable)) terms_.push_back(std::move(piece));
 }
 
 Joint SceneBuilder::add_joint(const JointSettings& settings, int angle) {

@@ -23,6 +23,7 @@ struct BodySettings {
   MeshSettings mesh;
   std::vector<double> at;        ///< [m]; empty: where its geometry is
   double angle = 0;              ///< about z, counter-clockwise, before it is put there [rad]
+  std::vector<double> turn;      ///< in 3D, after that: about x, then y, then z, all fixed in space [rad]; empty: none
   std::vector<double> velocity;  ///< at the start [m/s]; empty: none
   std::vector<std::pair<std::string, std::vector<int>>> fixed;  ///< tags of the body and their clamped components
 };
@@ -57,20 +58,35 @@ struct CableLaw {
   double slack = 0, smoothing = 2e-6;  ///< [m]
 };
 
+/// A straight row of eyelets beside the axis of a body that has one (Shape::axis()).
+struct EyeletLine {
+  double start = 0, end = 0;          ///< arc lengths of its ends [m]
+  double offset = 0, end_offset = 0;  ///< distances of its ends from the axis [m]
+  double angle = 0;                   ///< about the axis, from the section's first direction to the second [rad]
+  int pieces = 20;                    ///< straight pieces of cable between the ends
+};
+
 /// A cable: its points, ends and law.
 struct CableSettings {
   std::string id, body;                        ///< the body whose material it passes, "" in a setup of one
   std::string path;                            ///< one of those that the body's geometry brings along, or
-  std::vector<std::vector<double>> points;     ///< rest positions along it, in the body's own frame [m]
+  std::vector<std::vector<double>> points;     ///< rest positions along it, in the body's own frame [m], or
+  std::optional<EyeletLine> line;              ///< a row of eyelets; its ends are in the material
   bool start_fixed = true, end_fixed = false;  ///< ends that are fixed in space, not in the material
-  std::string control;                         ///< id of the control that retracts it; "": none
+  std::string control;                         ///< id of the control that retracts or pulls it; "": none
   std::optional<CableLaw> own;                 ///< with parameters "k_<id>" and "slack_<id>"; none: the shared law
+  bool held = false;                           ///< its tension is held, whatever its length: it has no law
+  double tension = 0;                          ///< held, without a control: "tension_<id>" [N]
+  double spool = 0;                            ///< radius by which a control that is a torque pulls [m]
 };
 
-/// All cables, and the law of those that have none of their own: its parameters are "k_cable" and "slack".
+/// All cables, and the law of those that have none of their own: its parameters are "k_cable" and "slack". The
+/// tensions of all that are held are those that were set times "tension_scale".
 struct CablesSettings : CableLaw {
   std::vector<CableSettings> cables;
-  std::map<std::string, std::string> columns;  ///< control id to bench column of the retractions
+  std::map<std::string, std::string> columns;          ///< control id to bench column of the retractions
+  std::map<std::string, std::string> tension_columns;  ///< and of the tensions
+  std::optional<EyeletLine> line;                      ///< where cables begin that have a line of their own
 };
 
 /// A revolute joint between two bodies. Points are in the rest configuration [m] and on both bodies.
@@ -126,6 +142,8 @@ struct ChannelSettings {
   std::vector<double> standoff;       ///< marker off the surface [m], empty: none
   std::string turns_with;             ///< tag that the stand-off turns with
   std::vector<double> direction;
+  std::optional<double> foot = {};  ///< arc length of a marker's foot on the axis [m]; it turns with the section there
+  std::string marker = {};          ///< the marker whose coordinate it is
 };
 
 /// Everything physical that a file describes, as plain data in SI units: what build_scene() makes a model of.
@@ -153,6 +171,13 @@ struct Setup {
   /// Of the whole body in the model: one half of a solid has a plane of symmetry.
   double share() const { return bodies.front().mesh.depth_cells > 0 ? 0.5 : 1.0; }
 };
+
+/// The rotation by which a body is turned before it is shifted, a square matrix.
+Eigen::MatrixXd rotation_of(const BodySettings& body, int dimension);
+/// A point of a body's own frame in the world at rest [m].
+Eigen::VectorXd placed(const BodySettings& body, const Eigen::VectorXd& point);
+/// The axis of a body in the world at rest. Throws InputError when its geometry has none.
+BodyAxis axis_of(const BodySettings& body);
 
 /// As Eigen has it.
 inline Eigen::VectorXd vector_of(const std::vector<double>& values) {

@@ -6,12 +6,14 @@
 #include "sim/shapes/mesh_file.hpp"
 #include "sim/shapes/outlines.hpp"
 #include "sim/shapes/push_puppet.hpp"
+#include "sim/shapes/revolved.hpp"
 #include "sim/shapes/sheet.hpp"
 #include "sim/shapes/twist.hpp"
 
 namespace taut {
 
 /// The list of specimens, in the order in which messages name them.
-using AllShapes = std::tuple<Box, Rectangle, Boxes, Polygons, Disc, PushPuppet, Finger, TwistModule, Sheet, MeshFile>;
+using AllShapes =
+    std::tuple<Box, Rectangle, Boxes, Polygons, Disc, Revolved, PushPuppet, Finger, TwistModule, Sheet, MeshFile>;
 
 }  // namespace taut

@@ -1,5 +1,9 @@
 #include "sim/shapes/grid.hpp"
 
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
 #include "sim/mesh/structured.hpp"
 
 namespace taut {
@@ -16,6 +20,15 @@ std::vector<double> lines(const Kind& block, const MeshSettings& settings, size_
 
 Mesh Box::mesh(const MeshSettings& settings, bool, bool) const {
   return box(lines(*this, settings, 0), lines(*this, settings, 1), lines(*this, settings, 2), settings.order, region);
+}
+
+std::optional<BodyAxis> Box::axis() const {
+  const double b = size[1], h = size[2];
+  const Eigen::Vector3d middle(origin[0], origin[1] + 0.5 * b, origin[2] + 0.5 * h);
+  BodyAxis axis = coordinate_axis(middle, 0, true, size[0]);
+  const CrossSection section{b * h, b * h * h * h / 12, h * b * b * b / 12, torsion_of_rectangle(b, h)};
+  axis.section = [section](double) { return section; };
+  return axis;
 }
 
 Mesh Rectangle::mesh(const MeshSettings& settings, bool, bool) const {
@@ -39,6 +52,22 @@ std::vector<Spine> Rectangle::spines() const {
     }
   }
   return spines;
+}
+
+std::optional<BodyAxis> Rectangle::axis() const {
+  const double h = size[1];
+  BodyAxis axis = coordinate_axis(Eigen::Vector2d(origin[0], origin[1] + 0.5 * h), 0, true, size[0]);
+  axis.section = [h](double) { return CrossSection{.area = h, .second = h * h * h / 12}; };
+  return axis;
+}
+
+double torsion_of_rectangle(double width, double height) {
+  constexpr double pi = std::numbers::pi;
+  const double a = std::max(width, height), b = std::min(width, height);
+  // sum of tanh(n pi a / 2b) / n^5 over odd n = that of 1 / n^5, which is 31/32 zeta(5), less what falls exponentially.
+  double sum = 31.0 / 32 * 1.0369277551433699263;
+  for (int n = 1; n < 16; n += 2) sum -= (1 - std::tanh(0.5 * n * pi * a / b)) / std::pow(n, 5);
+  return a * b * b * b * (1.0 / 3 - 64 / std::pow(pi, 5) * b / a * sum);
 }
 
 }  // namespace taut

@@ -21,17 +21,23 @@ struct Block : ShapeOf<Own, D> {
   std::vector<double> extent() const override { return size; }  ///< see Shape::extent()
 };
 
-/// In space. Tags xmin ... zmax.
+/// In space. Tags xmin ... zmax. Its axis runs along x.
 struct Box final : Block<Box, 3> {
   static constexpr auto kind_name = "box";
   Mesh mesh(const MeshSettings& settings, bool contact, bool compensate) const override;
+  std::optional<BodyAxis> axis() const override;
 };
 
-/// In the plane. Tags xmin ... ymax; any of them may be the clamped end of a beam.
+/// In the plane. Tags xmin ... ymax; any of them may be the clamped end of a beam. Its axis runs along x.
 struct Rectangle final : Block<Rectangle, 2> {
   static constexpr auto kind_name = "rectangle";
   Mesh mesh(const MeshSettings& settings, bool contact, bool compensate) const override;
   std::vector<Spine> spines() const override;
+  std::optional<BodyAxis> axis() const override;
 };
+
+/// J [m4] of a rectangular section by Saint-Venant's series (Timoshenko and Goodier, Theory of Elasticity, art. 109),
+/// to rounding.
+double torsion_of_rectangle(double width, double height);
 
 }  // namespace taut

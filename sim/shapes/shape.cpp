@@ -18,12 +18,27 @@ std::vector<std::unique_ptr<Shape>> one_of_each(std::type_identity<std::tuple<Sh
   return all;
 }
 
+template <class... Shapes>
+std::vector<std::string> names_with_axis(std::type_identity<std::tuple<Shapes...>>) {
+  std::vector<std::string> names;
+  // The member's class is Shape where a kind has none of its own.
+  const auto add = [&]<class Own>(std::type_identity<Own>) {
+    if (!std::is_same_v<decltype(&Own::axis), decltype(&Shape::axis)>) names.push_back(Own().kind());
+  };
+  (add(std::type_identity<Shapes>()), ...);
+  return names;
+}
+
 }  // namespace
 
 std::vector<std::string> shape_kinds() {
   std::vector<std::string> kinds;
   for (const auto& shape : one_of_each(std::type_identity<AllShapes>())) kinds.push_back(shape->kind());
   return kinds;
+}
+
+std::vector<std::string> kinds_with_axis() {
+  return names_with_axis(std::type_identity<AllShapes>());
 }
 
 std::unique_ptr<Shape> make_shape(std::string_view kind) {

@@ -13,6 +13,7 @@
 
 #include "sim/core/units.hpp"
 #include "sim/mesh/gmsh.hpp"
+#include "sim/shapes/axis.hpp"
 #include "sim/shapes/drawing.hpp"
 #include "sim/shapes/spine.hpp"
 #include "sim/terms/solid.hpp"
@@ -63,6 +64,10 @@ struct Allowed {
 struct InputFile {
   std::string path;  ///< in a file of settings: beside that file
 };
+/// Lengths as a value of a key, as many as the file gives.
+struct LengthList {
+  std::vector<double> values;  ///< [m]
+};
 /// A unit of length as a value of a key.
 struct LengthUnit {
   double metres = 1;
@@ -72,8 +77,8 @@ struct LengthUnit {
 /// means.
 struct ShapeKey {
   std::string_view key;
-  std::variant<int*, double*, std::string*, std::vector<double>*, InputFile*, LengthUnit*, std::vector<BoxRegion>*,
-               std::vector<PolygonRegion>*>
+  std::variant<int*, double*, std::string*, std::vector<double>*, LengthList*, InputFile*, LengthUnit*,
+               std::vector<BoxRegion>*, std::vector<PolygonRegion>*>
       value;
   Allowed allowed;
   std::string_view meaning;
@@ -119,6 +124,8 @@ class Shape {
   /// The ways in which it is a chain of beams, one per face that may be clamped. Throws InputError when its dimensions
   /// make it none.
   virtual std::vector<Spine> spines() const { return {}; }
+  /// The straight centre line, where it has one: cables and markers may be placed along it, and it may be a rod.
+  virtual std::optional<BodyAxis> axis() const { return std::nullopt; }
   /// Without one, a drawing shows overall dimensions.
   virtual std::optional<ShapeDrawing> drawing() const { return std::nullopt; }
 
@@ -145,6 +152,8 @@ inline constexpr MeshKey size_of_elements{MeshKey::size, "size", "of the element
 
 /// Names of all kinds, as files have them.
 std::vector<std::string> shape_kinds();
+/// Of these, the kinds that have an axis.
+std::vector<std::string> kinds_with_axis();
 /// A shape of this kind with its default dimensions. Throws InputError for an unknown one.
 std::unique_ptr<Shape> make_shape(std::string_view kind);
 

@@ -40,7 +40,8 @@ void check(const Mesh& mesh, const Cable& cable) {
 /// displacements.
 class Path {
  public:
-  Path(const Mesh& mesh, const std::vector<CablePoint>& points) : on_{{}, mesh.dimension()} {
+  /// `regular`: the length that a segment without one has [m]; 0: 1e-9 of the path.
+  Path(const Mesh& mesh, const std::vector<CablePoint>& points, double regular) : on_{{}, mesh.dimension()} {
     std::vector<int>& nodes = on_.nodes;
     for (const CablePoint& point : points)
       nodes.insert(nodes.end(), point.material.nodes.begin(), point.material.nodes.end());
@@ -61,13 +62,15 @@ class Path {
     rest_ = place.rightCols(segments) - place.leftCols(segments);
     weights_ = weight.rightCols(segments) - weight.leftCols(segments);
     const double length = rest_.colwise().norm().sum();
-    if (!(length > 0)) throw InputError("a cable has no length at rest; its points must not all be at one place");
-    regular_ = 1e-9 * length;
+    if (!(length > 0) && regular == 0)
+      throw InputError("a cable has no length at rest; its points must not all be at one place");
+    regular_ = regular > 0 ? regular : 1e-9 * length;
     for (Eigen::Index s = 0; s < segments; ++s) rest_length_ += regular_length(rest_.col(s));
   }
 
   const NodeSet& on() const { return on_; }
   double rest_length() const { return rest_length_; }
+  double regular() const { return regular_; }  ///< see Path()
 
   /// L(x) - L0 from the displacements, |d| - |D| = (2 D + d - D) . (d - D) / (|d| + |D|): rounding is relative to the
   /// elongation, not to the length.
@@ -122,19 +125,46 @@ class Path {
 /// The path with the law of its tension.
 class TautPath : public Path {
  public:
-  TautPath(const Mesh& mesh, const Cable& cable)
-      : Path(mesh, cable.points),
-        stiffness_(cable.stiffness),
-        slack_(cable.slack),
-        retraction_(cable.retraction),
+  TautPath(const Mesh& mesh, const Cable& cable, double regular = 0)
+      : Path(mesh, cable.points, regular),
+        held_(cable.tension >= 0),
+        factor_(held_ ? cable.tension : cable.stiffness),
+        slack_(held_ ? -1 : cable.slack),
+        retraction_(held_ ? -1 : cable.retraction),
+        scale_(held_ ? cable.tension_scale : -1),
+        per_control_(held_ ? cable.per_control : 1),
         smoothing_(cable.smoothing) {}
 
-  /// phi and its derivatives for k = 1: every one is proportional to k.
-  struct Spring {
+  /// The energy and its derivatives with respect to the elongation.
+  struct Law {
     double energy = 0, tension = 0, rate = 0;
+    Law operator*(double factor) const { return {factor * energy, factor * tension, factor * rate}; }
   };
-  Spring spring(const Point& at) const {
+  Law law(const Point& at) const { return unit_law(at) * factor(at.p); }
+
+  bool depends_on(int index) const {
+    return index >= 0 && (index == factor_ || index == slack_ || index == retraction_ || index == scale_);
+  }
+  /// Derivative of the tension with respect to p[index] at fixed displacements.
+  double tension_derivative(const Point& at, int index) const {
+    if (!depends_on(index)) return 0;
+    const Law unit = unit_law(at);
+    double derivative = 0;
+    if (index == factor_) derivative += per_control_ * scale(at.p) * unit.tension;
+    if (index == scale_) derivative += per_control_ * at.p[factor_] * unit.tension;
+    if (index == slack_) derivative -= factor(at.p) * unit.rate;
+    if (index == retraction_) derivative += factor(at.p) * unit.rate;
+    return derivative;
+  }
+
+ private:
+  double scale(const Params& p) const { return scale_ >= 0 ? p[scale_] : 1; }
+  /// The stiffness, or the tension: all is proportional to it.
+  double factor(const Params& p) const { return p[factor_] * per_control_ * scale(p); }
+  /// The law for a factor of 1.
+  Law unit_law(const Point& at) const {
     double e = elongation(at.u);
+    if (held_) return {e, 1, 0};
     if (slack_ >= 0) e -= at.p[slack_];
     if (retraction_ >= 0) e += at.p[retraction_];
     const double z = e + 0.5 * smoothing_;
@@ -143,24 +173,10 @@ class TautPath : public Path {
     return {0.5 * e * e + smoothing_ * smoothing_ / 24, e, 1};
   }
 
-  double stiffness(const Params& p) const { return p[stiffness_]; }
-  bool depends_on(int index) const {
-    return index >= 0 && (index == stiffness_ || index == slack_ || index == retraction_);
-  }
-  /// Derivative of the tension with respect to p[index] at fixed displacements.
-  double tension_derivative(const Point& at, int index) const {
-    if (!depends_on(index)) return 0;
-    const Spring unit = spring(at);
-    double derivative = 0;
-    if (index == stiffness_) derivative += unit.tension;
-    if (index == slack_) derivative -= stiffness(at.p) * unit.rate;
-    if (index == retraction_) derivative += stiffness(at.p) * unit.rate;
-    return derivative;
-  }
-
- private:
-  int stiffness_, slack_, retraction_;
-  double smoothing_;
+  bool held_;
+  int factor_;  ///< table index of the stiffness or the tension
+  int slack_, retraction_, scale_;
+  double per_control_, smoothing_;
 };
 
 TautPath checked_path(const Mesh& mesh, const Cable& cable) {
@@ -170,20 +186,19 @@ TautPath checked_path(const Mesh& mesh, const Cable& cable) {
 
 class CableTerm final : public Term {
  public:
-  CableTerm(const Mesh& mesh, const Cable& cable) : share_(cable.share), path_(checked_path(mesh, cable)) {}
+  CableTerm(TautPath path, double share) : share_(share), path_(std::move(path)) {}
 
   Cliques cliques() const override { return path_.on().cliques(); }
 
   void assemble(const Point& at, Assembly& out) const override {
-    const double k = share_ * path_.stiffness(at.p);
-    const TautPath::Spring unit = path_.spring(at);
-    out.add_energy(k * unit.energy);
-    if (unit.tension == 0) return;
+    const TautPath::Law law = path_.law(at) * share_;
+    out.add_energy(law.energy);
+    if (law.tension == 0) return;
     const Eigen::VectorXd gradient = path_.gradient(at.u);
-    if (out.gradient != nullptr) path_.on().scatter(k * unit.tension * gradient, *out.gradient);
+    if (out.gradient != nullptr) path_.on().scatter(law.tension * gradient, *out.gradient);
     if (out.wants_hessian()) {
-      Eigen::MatrixXd H = k * unit.rate * (gradient * gradient.transpose());
-      path_.add_hessian(at.u, k * unit.tension, H);
+      Eigen::MatrixXd H = law.rate * (gradient * gradient.transpose());
+      if (law.tension > 0 || out.curvature == Curvature::exact) path_.add_hessian(at.u, law.tension, H);
       path_.on().add_hessian(H, out);
     }
   }
@@ -215,10 +230,9 @@ class LengthChannel final : public Channel {
 class TensionChannel final : public Channel {
  public:
   TensionChannel(const Mesh& mesh, const Cable& cable) : path_(checked_path(mesh, cable)) {}
-  double value(const Point& at) const override { return path_.stiffness(at.p) * path_.spring(at).tension; }
+  double value(const Point& at) const override { return path_.law(at).tension; }
   Eigen::VectorXd gradient(const Point& at) const override {
-    const double rate = path_.stiffness(at.p) * path_.spring(at).rate;
-    return path_.on().spread(rate * path_.gradient(at.u), at.u.size());
+    return path_.on().spread(path_.law(at).rate * path_.gradient(at.u), at.u.size());
   }
   double parameter_derivative(const Point& at, int index) const override { return path_.tension_derivative(at, index); }
 
@@ -229,7 +243,19 @@ class TensionChannel final : public Channel {
 }  // namespace
 
 std::unique_ptr<Term> make_cable(const Mesh& mesh, Cable cable) {
-  return std::make_unique<CableTerm>(mesh, cable);
+  return std::make_unique<CableTerm>(checked_path(mesh, cable), cable.share);
+}
+
+std::vector<std::unique_ptr<Term>> make_held_cable(const Mesh& mesh, const Cable& cable) {
+  const double regular = checked_path(mesh, cable).regular();
+  std::vector<std::unique_ptr<Term>> terms;
+  for (size_t i = 1; i < cable.points.size(); ++i) {
+    Cable piece = cable;
+    piece.points = {cable.points[i - 1], cable.points[i]};
+    TautPath path(mesh, piece, regular);
+    if (path.on().count() > 0) terms.push_back(std::make_unique<CableTerm>(std::move(path), cable.share));
+  }
+  return terms;
 }
 
 std::unique_ptr<Channel> make_cable_length(const Mesh& mesh, const Cable& cable) {

@@ -21,6 +21,9 @@ struct Cable {
   int stiffness = -1;              ///< k [N/m], of the whole cable
   int slack = -1;                  ///< [m]; the cable is that much longer than its path at rest; -1: none
   int retraction = -1;             ///< u [m]; -1: none
+  int tension = -1;                ///< held tension, or torque of a spool; -1: the cable is elastic
+  int tension_scale = -1;          ///< factor of the held tension [-]; -1: 1
+  double per_control = 1;          ///< tension per unit of p[tension]: 1, or 1 / radius of the spool [1/m]
   double smoothing = 2e-6;         ///< eps [m], width of the transition from slack to taut; 0: none
   double share = 1;                ///< of the cable's energy; 0.5 in a model of one half of a symmetric body
 };
@@ -41,16 +44,26 @@ struct Cable {
 /// positive semi-definite as it is; Hess L (tension over length) is what a straight cable resists a sideways push with.
 /// The length (1e-9 L0) keeps a segment whose ends meet differentiable and changes others by less than rounding.
 ///
+/// Where the tension is held (a hung mass over a pulley, a motor that holds a torque) there is no law:
+///
+///   E = T (L(x) - L0) [J],   T = tension per_control tension_scale [N], whatever its sign.
+///
+/// It is a sum over the segments, so make_held_cable() makes one term of each: cliques stay small. Where T < 0, T Hess
+/// L is negative semi-definite, and left out of the projected Hessian.
+///
 /// The clique holds all nodes of all points. Static, without friction or mass, for segments that stay clear of
 /// everything between their points. Throws InputError for fewer than two points, no material point among them, a path
 /// without length, a fixed point that has not the mesh's dimension, or a negative smoothing.
 std::unique_ptr<Term> make_cable(const Mesh& mesh, Cable cable);
 
+/// A cable whose tension is held, one term per segment that material points govern. Throws as make_cable() does.
+std::vector<std::unique_ptr<Term>> make_held_cable(const Mesh& mesh, const Cable& cable);
+
 /// Length L(x) [m] of the path from its first point to its last. Throws as make_cable() does.
 std::unique_ptr<Channel> make_cable_length(const Mesh& mesh, const Cable& cable);
 
-/// Tension T = phi'(e) [N], the same all along the cable; it depends on k, slack and u at fixed displacements too.
-/// Throws as make_cable() does.
+/// Tension T = phi'(e) [N], or the held one, the same all along the cable; it depends on k, slack and u, or on what the
+/// held one is made of, at fixed displacements too. Throws as make_cable() does.
 std::unique_ptr<Channel> make_cable_tension(const Mesh& mesh, const Cable& cable);
 
 }  // namespace taut

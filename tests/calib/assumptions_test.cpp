@@ -48,7 +48,8 @@ class Assumptions : public testing::Test {
     EXPECT_EQ(result.status, FitStatus::converged);
     if (modulus != nullptr) *modulus = result.parameters[0].value;
     std::map<std::string, Share> found;
-    for (const Share& share : assumption_shares(experiment, trials, result)) found[share.source] = share;
+    for (const Share& share : assumption_shares(experiment, dimensioned(experiment, trials), result))
+      found[share.source] = share;
     return found;
   }
   TemporaryFolder folder_;

@@ -72,7 +72,7 @@ TEST(Stability, FullStepsThatTurnElementsInsideOutAreInvertedAndTooFewIterations
 TEST(Stability, BlocksPushedThroughEachOtherByAPenaltyAreIntersectedAndByTheBarrierNot) {
   for (ContactForm form : {ContactForm::length_weighted, ContactForm::penalty}) {
     Mesh lower = rectangle(graded(0.02, 4), graded(0.01, 2), 1, "soft"), upper = lower;
-    place(upper, 0, Eigen::Vector2d(0, 0.011));
+    place(upper, Eigen::Matrix2d::Identity(), Eigen::Vector2d(0, 0.011));
     SceneBuilder builder(merge({{"lower", lower}, {"upper", upper}}), Plane::strain, 0.03);
     builder.add_solid("soft", "neo_hookean", {{"E", 1e5}, {"nu", 0.2}});
     const int push = builder.declare({"push", "u", "m", -1, 1, "push"}, 0.0);

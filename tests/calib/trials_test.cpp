@@ -462,6 +462,37 @@ TEST_F(ReadTrials, AnEmptyCellIsRefused) {
   expect_refused(with_header("1,0,50,3\n ,0,50,3\n"), {"line 3, column 'trial': the cell is empty"});
 }
 
+TEST_F(ReadTrials, RowsOfALongFileMayHoldSeveralCoordinatesOfAMarker) {
+  use_long_file();
+  format_.value_column.clear();
+  const BenchFormat::Channel like = format_.channels.front();
+  format_.channels.clear();
+  for (const char* id : {"tip_x", "tip_z", "base_x"}) {
+    BenchFormat::Channel& channel = format_.channels.emplace_back(like);
+    channel.id = id;
+    channel.label = std::string(id).substr(0, std::string(id).find('_'));
+    channel.column = std::string(1, id[std::string(id).size() - 1]) + "_mm";
+  }
+  const Trials trials =
+      read("trial,retraction_mm,mass_g,marker,x_mm,z_mm\na,0,10,tip,1,2\na,0,10,base,3,4\na,0,20,tip,NA,6\n");
+  ASSERT_EQ(trials.readings.size(), 4u);
+  EXPECT_EQ(trials.readings[0].channel, 0);
+  EXPECT_DOUBLE_EQ(trials.readings[1].value, 2e-3);
+  EXPECT_EQ(trials.readings[1].channel, 1);
+  EXPECT_DOUBLE_EQ(trials.readings[2].value, 3e-3);
+  EXPECT_EQ(trials.readings[2].channel, 2);
+  EXPECT_EQ(trials.readings[3].line, 4);
+  EXPECT_EQ(trials.readings[3].channel, 1);
+  expect_refused("trial,retraction_mm,mass_g,marker,x_mm,z_mm\na,0,10,tp,1,2\n",
+                 {"'tp' is not a channel of the experiment (did you mean 'tip'?); it has: tip, base"});
+}
+
+TEST_F(ReadTrials, ATensionThatPushesIsRefused) {
+  format_.controls[1] = {"pull", "pull_N", {Quantity::force}, true};
+  expect_refused("trial,retraction_mm,pull_N,drop_mm\na,0,1,1\na,0,-2,1\n",
+                 {"line 3, column 'pull_N': the tension is '-2', but a cable cannot push"});
+}
+
 TEST_F(ReadTrials, TextWhereANumberBelongsIsRefused) {
   for (const char* cell : {"abc", "3.5 mm", "3.5mm", "--3", "+-3", "0x10", "1e", "3;5"}) {
     expect_refused(with_header(std::string("1,0,50,") + cell + "\n"),
@@ -581,10 +612,18 @@ TEST_F(ReadTrials, AContradictoryDescriptionIsRefused) {
   format_.channels.clear();
   expect_refused(kGood, {"there is no channel"});
   format_ = good;
-  format_.channel_column = "marker";
-  expect_refused(kGood, {"both a channel column and a value column"});
   format_.value_column = "drop_mm";
-  expect_refused(kGood, {"channel 'drop' has its own column 'drop_mm' in a long file"});
+  expect_refused(kGood, {"a value column belongs to a long file"});
+  format_.channel_column = "marker";
+  expect_refused(kGood, {"column 'drop_mm' is used for channel 'drop' and for the reading"});
+  format_.value_column.clear();
+  format_.channels[0].column.clear();
+  expect_refused(kGood, {"channel 'drop' has no column; name it, or the value column"});
+  format_.channels[0].column = "x_mm";
+  format_.channels.push_back(format_.channels[0]);
+  format_.channels[0].label = format_.channels[1].label = "tip";
+  format_.channels[1].id = "rise";
+  expect_refused(kGood, {"channels 'drop' and 'rise' are read from one column 'x_mm' of the same rows"});
   format_ = good;
   format_.ignored = {"mass_g"};
   expect_refused(kGood, {"column 'mass_g' is ignored and used for control 'load'"});

@@ -13,6 +13,7 @@ namespace {
 using namespace test;
 
 enum { stiffness, slack, retraction, other };
+enum { held_tension, held_scale, held_other };
 constexpr double k = 700;
 
 ParameterTable cable_table() {
@@ -246,6 +247,8 @@ TEST(Cable, WrongPathsAreRefused) {
     expect_input_error([&] { make_cable(mesh, cable); }, parts);
     expect_input_error([&] { make_cable_length(mesh, cable); }, parts);
     expect_input_error([&] { make_cable_tension(mesh, cable); }, parts);
+    cable.tension = held_tension;
+    expect_input_error([&] { make_held_cable(mesh, cable); }, parts);
   };
   const CablePoint node{{{0}, {1.0}}, {}}, fixed{{}, vec({1, 1})};
   expect({}, 0, {"0 points", "at least two"});
@@ -254,6 +257,97 @@ TEST(Cable, WrongPathsAreRefused) {
   expect({node, {{}, vec({1, 1, 1})}}, 0, {"3 coordinates", "2 finite numbers"});
   expect({node, node}, 0, {"no length"});
   expect({node, fixed}, -1e-6, {"smoothing", "0 (none) or positive"});
+}
+
+/// The same path pulled with a tension that is held, made of one or two parameters, in a strained body.
+TermUnderTest held_case(const Cable& cable, const Mesh& mesh, double tension, const std::string& name) {
+  ParameterTable table;
+  table.declare({"T", "T", "N", -1e9, 1e9, "tension", false});
+  table.declare({"scale", "c", "1", 0, 10, "factor", false});
+  table.declare({"other", "x", "1", -10, 10, "a number of some other term", false});
+  return {Model(mesh, std::move(table), make_held_cable(mesh, cable), {}), Eigen::Vector3d(tension, 1.7, 1),
+          random_state(mesh, 0.1, 0.01, 5), name};
+}
+
+Cable held_through(const Mesh& mesh, bool anchored, bool scaled) {
+  Cable cable = cable_through(mesh, anchored, 2e-6);
+  cable.stiffness = cable.slack = cable.retraction = -1;
+  cable.tension = held_tension;
+  if (scaled) cable.tension_scale = held_scale;
+  cable.per_control = 2.5;
+  return cable;
+}
+
+template <class Action>
+void for_each_held_cable(bool anchored, Action&& action) {
+  for (ElementShape shape : all_shapes) {
+    const Mesh mesh = irregular_mesh(shape);
+    for (bool scaled : {false, true}) {
+      for (double tension : {3.0, -2.0}) {
+        const Cable cable = held_through(mesh, anchored, scaled);
+        action(held_case(cable, mesh, tension, std::string(name_of(shape)) + ", T = " + std::to_string(tension)),
+               cable);
+      }
+    }
+  }
+}
+
+TEST(HeldCable, GradientAndHessianAreTheDerivativesOfTheEnergyWhateverTheSignOfTheTension) {
+  for_each_held_cable(true, [](const TermUnderTest& t, const Cable&) {
+    expect_derivatives(t, 3e-4);
+    expect_symmetric_hessian(t);
+    expect_projection_is_semidefinite(t);
+  });
+}
+
+TEST(HeldCable, EnergyIsTensionTimesElongation) {
+  for_each_held_cable(true, [](const TermUnderTest& t, const Cable& cable) {
+    const Mesh& mesh = t.model.mesh();
+    const double tension = 2.5 * t.p[held_tension] * (cable.tension_scale >= 0 ? t.p[held_scale] : 1);
+    const Eigen::VectorXd rest = Eigen::VectorXd::Zero(t.u.size());
+    const auto length = make_cable_length(mesh, cable);
+    const double elongation = length->value({t.u, t.p}) - length->value({rest, t.p});
+    EXPECT_NEAR(energy_of(t.model, t.u, t.p), tension * elongation, 1e-13 * std::abs(tension * elongation)) << t.name;
+    EXPECT_EQ(make_cable_tension(mesh, cable)->value({t.u, t.p}), tension) << t.name;
+  });
+}
+
+TEST(HeldCable, ParameterDerivativesAreThoseOfTheGradient) {
+  for_each_held_cable(true, [](const TermUnderTest& t, const Cable& cable) {
+    expect_parameter_derivatives(t, 0.05);
+    EXPECT_GT(t.model.parameter_gradient({t.u, t.p}, held_tension).norm(), 0.0) << t.name;
+    EXPECT_EQ(t.model.parameter_gradient({t.u, t.p}, held_scale).norm() > 0, cable.tension_scale >= 0) << t.name;
+    EXPECT_EQ(t.model.parameter_gradient({t.u, t.p}, held_other).norm(), 0.0) << t.name;
+    expect_channel_derivatives(*make_cable_tension(t.model.mesh(), cable), t, 1e-3);
+    expect_channel_derivatives(*make_cable_length(t.model.mesh(), cable), t, 1e-3);
+  });
+}
+
+TEST(HeldCable, WithoutAFixedPointExertsNoNetForceOrMoment) {
+  for_each_held_cable(false, [](const TermUnderTest& t, const Cable&) { expect_no_net_force_or_moment(t); });
+}
+
+TEST(HeldCable, CliquesAreThoseOfSegmentsWithMaterialPoints) {
+  const Mesh mesh = rectangle({0, 1, 2, 3}, {0, 1}, 1, "body");
+  Cable cable;
+  cable.tension = held_tension;
+  cable.points = {{{}, vec({-2, 0})}, {{}, vec({-1, 0})}};
+  for (int node : {0, 1, 2}) cable.points.push_back({{{node}, {1.0}}, {}});
+  cable.points.push_back(cable.points.back());  // a segment without length
+  const auto terms = make_held_cable(mesh, cable);
+  ASSERT_EQ(terms.size(), 4u) << "none between the two fixed points";
+  const std::vector<int> nodes[] = {{0}, {0, 1}, {1, 2}, {2}};
+  for (size_t i = 0; i < terms.size(); ++i) EXPECT_EQ(terms[i]->cliques().nodes, nodes[i]);
+}
+
+TEST(HeldCable, AShareScalesTheEnergyButNotTheTension) {
+  const Mesh mesh = irregular_mesh(ElementShape::tet10);
+  Cable cable = held_through(mesh, true, true);
+  const TermUnderTest whole = held_case(cable, mesh, 3, "whole");
+  cable.share = 0.5;
+  const TermUnderTest half = held_case(cable, mesh, 3, "half");
+  EXPECT_DOUBLE_EQ(energy_of(half.model, half.u, half.p), 0.5 * energy_of(whole.model, whole.u, whole.p));
+  EXPECT_EQ(make_cable_tension(mesh, cable)->value({half.u, half.p}), 2.5 * 1.7 * 3);
 }
 
 /// A small plane module with two cables, its equilibria computed by an independent program.

@@ -96,7 +96,7 @@ TEST(Extrude, UniformStretchIsExact) {
 TEST(Extrude, PartsKeepTheirNodesAndElementsInARow) {
   for (int order : {1, 2}) {
     Mesh other = rectangle(graded(0.1, 2), graded(0.1, 1), order, "left");
-    place(other, 0.3, vec({2, 1}));
+    place(other, Eigen::Rotation2Dd(0.3).toRotationMatrix(), vec({2, 1}));
     const Mesh plane = merge({{"one", plate(order)}, {"two", other}}), solid = extrude(plane, 0.1, 2);
     ASSERT_EQ(solid.parts.size(), 2u);
     int nodes = 0, elements = 0;

@@ -410,7 +410,7 @@ TEST(Joint, ALinkMuchStifferThanItsNeighbourTurnsAsItIsAboutTheWorldsPivot) {
     std::vector<std::pair<std::string, Mesh>> parts;
     for (const char* name : {"link1", "link2", "pad"}) {
       Mesh mesh = rectangle(graded(0.06, 12), graded(0.01, 2), 2, name);
-      place(mesh, 0, Eigen::Vector2d(static_cast<double>(parts.size()) * arm_link, -0.005));
+      place(mesh, Eigen::Matrix2d::Identity(), Eigen::Vector2d(static_cast<double>(parts.size()) * arm_link, -0.005));
       parts.emplace_back(name, std::move(mesh));
     }
     return SceneBuilder(merge(parts), Plane::stress, arm_thickness);

@@ -21,7 +21,7 @@ inline SceneBuilder arm_builder(int links, int cells = 12, double modulus = 2e9)
   std::vector<std::pair<std::string, Mesh>> parts;
   for (int i = 0; i < links; ++i) {
     Mesh mesh = rectangle(graded(0.06, cells), graded(0.01, 2), 2, "link" + std::to_string(i + 1));
-    place(mesh, 0, Eigen::Vector2d(i * arm_link, -0.005));
+    place(mesh, Eigen::Matrix2d::Identity(), Eigen::Vector2d(i * arm_link, -0.005));
     parts.emplace_back("link" + std::to_string(i + 1), std::move(mesh));
   }
   SceneBuilder builder(merge(parts), Plane::stress, arm_thickness);

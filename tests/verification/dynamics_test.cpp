@@ -39,7 +39,7 @@ TEST(Pendulum, ABodyOnAFreePinSwingsWithThePeriodOfThePhysicalPendulum) {
   // Uniform rod of 100 x 4 mm about its end; T / T0 = (2/pi) K(sin(A/2)): 1.017409 at 30 and 1.180341 at 90 degrees.
   const double L = 0.1, w = 0.004, g = 9.81;
   Mesh mesh = rectangle(graded(w, 1), graded(L, 8), 2, "rod");
-  place(mesh, 0, Eigen::Vector2d(-0.5 * w, -L));
+  place(mesh, Eigen::Matrix2d::Identity(), Eigen::Vector2d(-0.5 * w, -L));
   SceneBuilder builder(std::move(mesh), Plane::strain, 0.01);
   builder.add_solid("rod", "neo_hookean", {{"E", 1e8}, {"nu", 0.3}});
   const int gravity = builder.declare({"g", "g", "m/s2", 0, 100, "gravity"}, g);

@@ -43,7 +43,7 @@ Pressed pressed(int lower_cells, int upper_cells, double dhat, double kappa,
                 ContactForm form = ContactForm::length_weighted) {
   Mesh lower = rectangle(graded(block_width, lower_cells), graded(block_height, 3), 1, "soft");
   Mesh upper = rectangle(graded(block_width, upper_cells), graded(block_height, 3), 1, "soft");
-  place(upper, 0, Eigen::Vector2d(0, block_height + 1e-3));
+  place(upper, Eigen::Matrix2d::Identity(), Eigen::Vector2d(0, block_height + 1e-3));
   SceneBuilder builder(merge({{"lower", lower}, {"upper", upper}}), Plane::strain, block_thickness);
   builder.add_solid("soft", "neo_hookean", {{"E", block_modulus}, {"nu", 0.0}});
   Pressed result;

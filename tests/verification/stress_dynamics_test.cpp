@@ -182,7 +182,7 @@ struct Falling {
 
 Falling falling(ContactForm form) {
   Mesh mesh = rectangle(graded(0.01, 3), graded(0.01, 3), 1, "block");
-  place(mesh, 0, Eigen::Vector2d(0, 0.005));
+  place(mesh, Eigen::Matrix2d::Identity(), Eigen::Vector2d(0, 0.005));
   SceneBuilder builder(std::move(mesh), Plane::strain, 0.02);
   builder.add_solid("block", "neo_hookean", {{"E", 1e5}, {"nu", 0.3}});
   builder.add_inertia("block", 1000);
@@ -218,7 +218,7 @@ TEST(Stress, ALongStepTunnelsThroughAShelfOfPenaltiesAndStopsAtTheBarrier) {
 TEST(Stress, AnIntegratorThatKnowsNoContactJumpsOverTheShelfAndIsStoppedForIt) {
   // Pushed hard while it has no speed yet: the step that the last speed allows is too long. TimeStepper lands on top.
   Mesh mesh = rectangle(graded(0.01, 2), graded(0.01, 2), 1, "block");
-  place(mesh, 0, Eigen::Vector2d(0, 0.01));
+  place(mesh, Eigen::Matrix2d::Identity(), Eigen::Vector2d(0, 0.01));
   SceneBuilder builder(std::move(mesh), Plane::strain, 0.02);
   builder.add_solid("block", "neo_hookean", {{"E", 1e5}, {"nu", 0.3}});
   builder.add_inertia("block", 1000);
