@@ -9,6 +9,10 @@
 
 namespace taut {
 
+std::string text_of(const AxisRecord& control, double value) {
+  return control.labels.empty() ? with_unit(value, control.unit) : control.labels.at(static_cast<size_t>(value) - 1);
+}
+
 std::string column_suffix(const std::string& unit) {
   std::string suffix;
   for (const char c : unit) suffix += c == '/' ? std::string("_per_") : std::string(1, c);

@@ -8,6 +8,9 @@
 
 namespace taut {
 
+/// "50 g", or the name that a number stands for.
+std::string text_of(const AxisRecord& control, double value);
+
 /// The unit in which a quantity of this SI unit is written to CSV files: millimetres, degrees, kilopascals, cm2, else
 /// SI. `suffix` ends a column name as parse_header() reads it ("N_per_m"); `label` is empty for pure numbers.
 struct WrittenUnit {

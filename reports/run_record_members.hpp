@@ -36,6 +36,7 @@ void describe(auto&& a, AxisRecord& axis) {
   const bool whole = a.there("quantity");  // older files have units only
   if (whole) a("quantity", axis.quantity);
   a("unit", axis.unit);
+  if (a.there("labels", !axis.labels.empty())) a("labels", axis.labels);
   if (whole) return a("label", axis.label);
   try {
     axis.quantity = name_of(quantity_of_si_unit(axis.unit));

@@ -226,6 +226,13 @@ Assumption control_assumption(const Experiment& experiment, const ParameterSpec&
 }  // namespace
 
 std::vector<Dimension> dimensions_of(const Experiment& experiment) {
+  std::vector<Dimension> dimensions = all_dimensions(experiment);
+  const std::vector<std::string> set = ids_set_by_columns(experiment);
+  std::erase_if(dimensions, [&](const Dimension& one) { return std::ranges::find(set, one.spec.id) != set.end(); });
+  return dimensions;
+}
+
+std::vector<Dimension> all_dimensions(const Experiment& experiment) {
   std::vector<Dimension> dimensions;
   add_lengths(experiment, dimensions);
   add_corners(experiment, dimensions);
@@ -280,16 +287,6 @@ Params DimensionedModel::values_of(const FitResult& fit) const {
   p.head(own) = fit.p.head(own);
   for (const ParameterEstimate& e : fit.parameters) p[protocol->parameters().index(e.spec.id)] = e.value;
   return p;
-}
-
-DimensionedModel dimensioned(const Experiment& experiment, const Trials& trials) {
-  auto protocol = std::make_unique<DimensionedProtocol>(experiment, trials, dimensions_of(experiment));
-  DimensionedModel model;
-  static_cast<BenchRows&>(model) = protocol->replay();
-  model.dimensions = protocol->dimensions();
-  model.left_out = protocol->left_out();
-  model.protocol = std::move(protocol);
-  return model;
 }
 
 std::vector<Dimension> free_dimensions(const Experiment& experiment) {

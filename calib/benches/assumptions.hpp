@@ -13,7 +13,10 @@ namespace taut {
 /// All of an experiment: lengths of its shape that are not zero, the thickness of a solid, places of eyelets beside the
 /// axis and of markers on it, and how a body in space stands ("turn_x", "shift_x"). Corners of boxes and polygons are
 /// some where they have a tolerance or are fitted (corners.hpp); nothing of a mesh that is read from a file.
+/// What a column sets is none of them.
 std::vector<Dimension> dimensions_of(const Experiment& experiment);
+/// The same with those that a column sets.
+std::vector<Dimension> all_dimensions(const Experiment& experiment);
 
 /// A number that a fit of readings at rest takes for granted: a dimension, a constant that is not fitted, the scale or
 /// the zero of what the bench sets.
@@ -45,8 +48,6 @@ struct DimensionedModel : BenchRows {
   /// What a fit of the model without some of the dimensions found, and these as the file has them.
   Params values_of(const FitResult& fit) const;
 };
-/// All dimensions of an experiment in the full model. Throws InputError as make_static_replay() does.
-DimensionedModel dimensioned(const Experiment& experiment, const Trials& trials);
 
 /// The rows of an experiment's own protocol, with dimensions as further parameters behind those of the model. The mesh
 /// keeps its elements and moves with the dimensions: X = X0 + sum_k (L_k - L_k0) dX/dL_k, dX/dL_k from meshes of a

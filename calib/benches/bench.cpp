@@ -72,6 +72,9 @@ std::optional<double> Bench::declared_sigma(int channel, double value) const {
 }
 
 std::string Bench::control_text(size_t control, double value) const {
+  const std::vector<BenchFormat::Control>& formats = experiment_.bench.controls;  // of recordings: none
+  if (control < formats.size() && !formats[control].labels.empty())
+    return formats[control].labels[static_cast<size_t>(value) - 1];
   const std::string& unit = controls_[control].unit;
   if (value != 0) return with_unit(value, unit);
   double largest = 0;

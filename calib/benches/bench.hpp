@@ -17,10 +17,11 @@ namespace taut {
 
 /// What a control is, or what a channel measures: tables and figures ask it for unit and words.
 struct AxisRecord {
-  std::string id;        ///< as in the readings: "tip_load"
-  std::string quantity;  ///< name_of(Quantity): "length"
-  std::string unit;      ///< SI: "m"
-  std::string label;     ///< at the axis of a figure, the unit left out: "displacement"
+  std::string id;                        ///< as in the readings: "tip_load"
+  std::string quantity;                  ///< name_of(Quantity): "length"
+  std::string unit;                      ///< SI: "m"
+  std::string label;                     ///< at the axis of a figure, the unit left out: "displacement"
+  std::vector<std::string> labels = {};  ///< what the numbers 1, 2, ... stand for, where they are names
 };
 AxisRecord make_axis(std::string id, Quantity quantity, std::string label);  ///< the axis of a control
 /// The axis of a channel of an experiment: "displacement", "tension", ...

@@ -23,6 +23,15 @@ std::string_view name_of(Rung rung) {
   return std::find_if(rungs().begin(), rungs().end(), [&](const auto& known) { return known.second == rung; })->first;
 }
 
+std::vector<std::string> ids_set_by_columns(const Experiment& experiment) {
+  std::vector<std::string> ids;
+  for (const auto& [control, id] : experiment.set_by) ids.push_back(id);
+  for (const SpecimenSettings& specimen : experiment.specimens) {
+    for (const auto& [id, value] : specimen.set) ids.push_back(id);
+  }
+  return ids;
+}
+
 InstrumentNoise read_noise(TableReader& table, Quantity quantity, std::string_view key) {
   InstrumentNoise noise;
   auto given = table.optional_table(key);

@@ -22,6 +22,13 @@ struct Experiment;
 struct FreeSettings {
   std::string id;
   std::optional<GivenValue> start, lower, upper;
+  bool per_specimen = false;  ///< each specimen has its own
+};
+
+/// A [[specimen]] of several in one bench: what is unlike in it.
+struct SpecimenSettings {
+  std::string id;
+  std::map<std::string, double> set;  ///< dimension, or thickness, to its value [m], [rad]
 };
 
 /// A [[fit.variant]]: the same fit with another mesh or with further free parameters; of a material point with another
@@ -99,6 +106,11 @@ struct Experiment : Setup {
   MeshSettings mesh;
   BenchFormat bench;
   std::string zero_offset_per;  ///< control id: the readings at each of its values share a zero error; "": none
+  std::map<std::string, std::string> set_by;  ///< control id to the dimension that it sets, row by row
+  std::string specimen_control;               ///< control id whose values are numbers of `specimens` from 1; "": none
+  std::vector<SpecimenSettings> specimens;
+  /// Whether columns of the readings say what the specimen is.
+  bool has_specimens() const { return !specimen_control.empty() || !set_by.empty(); }
   bool from_unloaded = false;
   bool all_profiles = false;  ///< profile likelihood for every free parameter, not only where the parabola fails
   bool robust = false;        ///< a robust fit beside the least squares
@@ -114,6 +126,9 @@ struct Experiment : Setup {
   int threads = 0;
   int trend_degree = 0;  ///< of the polynomials in the figure of the effective stiffness; 0: none
 };
+
+/// Ids of dimensions (or the thickness) that columns of the readings set.
+std::vector<std::string> ids_set_by_columns(const Experiment& experiment);
 
 /// The table noise (or `key`) of readings of this quantity; without it there is none. Throws InputError with file and
 /// line.

@@ -9,6 +9,7 @@
 
 #include "calib/benches/assumptions.hpp"
 #include "calib/benches/model.hpp"
+#include "calib/benches/specimens_bench.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/stopwatch.hpp"
 #include "sim/core/units.hpp"
@@ -105,7 +106,7 @@ constinit const BenchKind static_kind{.name = "readings",
                                       .read = read_readings,
                                       .open = [](Experiment experiment) -> std::unique_ptr<Bench> {
                                         Trials trials = read_trials(experiment.bench);
-                                        return std::make_unique<StaticBench>(std::move(experiment), std::move(trials));
+                                        return open_static_bench(std::move(experiment), std::move(trials));
                                       }};
 
 StaticBench::StaticBench(Experiment experiment, Trials trials)
@@ -125,7 +126,8 @@ StaticBench::StaticBench(Experiment experiment, Trials trials)
 /// What a variant frees has to be there, long before its turn.
 void StaticBench::check_free(const VariantSettings& variant) const {
   const std::vector<Dimension> dimensions = dimensions_of(experiment_);
-  for (const auto& [id, start, lower, upper] : variant.free) {
+  for (const FreeSettings& settings : variant.free) {
+    const std::string& id = settings.id;
     if (!protocol_->parameters().contains(id) &&
         std::ranges::find(dimensions, id, [](const Dimension& one) { return one.spec.id; }) == dimensions.end())
       throw FileError(experiment_.path, fmt::format("[[fit.variant]] '{}' free: {}", variant.name,
@@ -198,8 +200,12 @@ void StaticBench::use(const CheaperModels& models) {
 }
 
 DimensionedModel StaticBench::with_dimensions() const {
+  return with_dimensions(dimensions_of(experiment_));
+}
+
+DimensionedModel StaticBench::with_dimensions(const std::vector<Dimension>& dimensions) const {
   if (choice_.protocol && choice_.one_model) {
-    ModelChoice all = models_.choose(experiment_, trials_, replay(), dimensions_of(experiment_));
+    ModelChoice all = models_.choose(experiment_, trials_, replay(), dimensions);
     if (!all.dimensions.empty()) {
       DimensionedModel model;
       static_cast<BenchRows&>(model) = replay();
@@ -210,7 +216,7 @@ DimensionedModel StaticBench::with_dimensions() const {
   }
   Experiment full = experiment_;
   if (choice_.protocol) full.model = Rung::full;
-  return dimensioned(full, trials_);
+  return full_model(full, trials_, dimensions);
 }
 
 /// Cheaper models have the dimensions of the file.
@@ -226,6 +232,7 @@ void StaticBench::find_axes() {
   for (size_t k = 0; k < trials_.control_ids.size(); ++k) {
     const Quantity quantity = trials_.control_quantities[k];
     controls_.push_back(make_axis(trials_.control_ids[k], quantity, trials_.control_ids[k]));
+    controls_.back().labels = experiment_.bench.controls[k].labels;
     if (quantity == Quantity::length) continue;
     std::set<double> values;
     for (const Reading& reading : trials_.readings) values.insert(reading.controls[k]);
@@ -341,40 +348,49 @@ std::vector<CurveRecord> StaticBench::curves(const Params& p, const std::vector<
   return curves;
 }
 
-std::unique_ptr<Bench> StaticBench::with(const VariantSettings& variant) const {
-  Experiment changed = experiment_;
+Experiment changed_by(Experiment changed, const VariantSettings& variant) {
   changed.mesh = variant.mesh;
   for (const auto& [name, law] : section_laws()) {
     if (name == variant.law) changed.rod_section = law;
   }
   changed.free.insert(changed.free.end(), variant.free.begin(), variant.free.end());
   changed.variants.clear();
-  auto bench = std::make_unique<StaticBench>(std::move(changed), trials_);
+  return changed;
+}
+
+std::unique_ptr<Bench> StaticBench::with(const VariantSettings& variant) const {
+  auto bench = std::make_unique<StaticBench>(changed_by(experiment_, variant), trials_);
   bench->model_text_ = variant.mesh.describe();
   if (models_.choose) bench->use(models_);
   return bench;
 }
 
-std::unique_ptr<Bench> StaticBench::part(size_t control, double held) const {
-  Trials part = trials_;
-  std::erase_if(part.readings, [&](const Reading& reading) { return reading.controls[control] != held; });
-  auto bench = std::make_unique<StaticBench>(experiment_, std::move(part));
-  if (models_.choose) bench->use(models_);
-  return bench;
+Trials trials_at(Trials trials, size_t control, double held) {
+  std::erase_if(trials.readings, [&](const Reading& reading) { return reading.controls[control] != held; });
+  return trials;
 }
 
-std::unique_ptr<Bench> StaticBench::at_loads(const std::string& path) const {
-  Trials there = trials_;
+Trials trials_at_loads(const Experiment& experiment, Trials there, const std::string& path) {
   there.readings.clear();
-  for (const LoadRow& row : read_load_rows(experiment_.bench, path)) {
-    for (size_t channel = 0; channel < channels_.size(); ++channel) {
+  for (const LoadRow& row : read_load_rows(experiment.bench, path)) {
+    for (size_t channel = 0; channel < experiment.channels.size(); ++channel) {
       Reading& reading = there.readings.emplace_back();
       reading.line = row.line;
       reading.controls = row.controls;
       reading.channel = static_cast<int>(channel);
     }
   }
-  auto bench = std::make_unique<StaticBench>(experiment_, std::move(there));
+  return there;
+}
+
+std::unique_ptr<Bench> StaticBench::part(size_t control, double held) const {
+  auto bench = std::make_unique<StaticBench>(experiment_, trials_at(trials_, control, held));
+  if (models_.choose) bench->use(models_);
+  return bench;
+}
+
+std::unique_ptr<Bench> StaticBench::at_loads(const std::string& path) const {
+  auto bench = std::make_unique<StaticBench>(experiment_, trials_at_loads(experiment_, trials_, path));
   if (models_.choose) bench->use(models_);  // which model a load needs is asked anew
   return bench;
 }

@@ -13,6 +13,13 @@ extern const BenchKind static_kind;  ///< its row in the table of kinds
 /// Reads [bench] of readings at rest. Throws InputError.
 void read_readings(TableReader& root, Experiment& experiment);
 
+/// An experiment with what a [[fit.variant]] changes.
+Experiment changed_by(Experiment changed, const VariantSettings& variant);
+/// The readings at one value of a control.
+Trials trials_at(Trials trials, size_t control, double held);
+/// All channels at the controls of a file of loads, with what `there` knows besides readings. Throws InputError.
+Trials trials_at_loads(const Experiment& experiment, Trials there, const std::string& path);
+
 /// Readings at rest: loads, prescribed displacements and retractions in the columns of one file. With
 /// model = "rigid_segments" or "solid" that model is the full one here.
 class StaticBench final : public Bench {
@@ -41,6 +48,7 @@ class StaticBench final : public Bench {
   std::string choice() const override { return choice_.sentence; }
   bool one_model() const override { return !choice_.protocol || choice_.one_model; }
   DimensionedModel with_dimensions() const override;
+  DimensionedModel with_dimensions(const std::vector<Dimension>& dimensions) const;  ///< with these alone
   std::optional<RowModel> model_of(int row) const override {
     return choice_.model_of ? std::optional(choice_.model_of(row)) : std::nullopt;
   }

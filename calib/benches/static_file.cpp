@@ -1,11 +1,76 @@
 #include <fmt/format.h>
 
+#include <algorithm>
+
+#include "calib/benches/assumptions.hpp"
 #include "calib/benches/static_bench.hpp"
 #include "sim/core/error.hpp"
 #include "sim/files/tables.hpp"
 #include "sim/scene/channel_kinds.hpp"
 
 namespace taut {
+
+namespace {
+
+/// Numbers of a specimen that may be unlike in others: dimensions, and the thickness of a section.
+std::vector<ParameterSpec> of_specimens(const Experiment& experiment) {
+  std::vector<ParameterSpec> specs;
+  for (const Dimension& dimension : all_dimensions(experiment)) specs.push_back(dimension.spec);
+  if (experiment.geometry.dimension == 2 && std::ranges::find(specs, "thickness", &ParameterSpec::id) == specs.end())
+    specs.push_back({"thickness", "t", "m", 0, 1e3, "thickness"});
+  return specs;
+}
+
+/// Columns that set a dimension, and the tables of specimens that a column names.
+void read_specimens(TableReader& root, TableReader& table, Experiment& experiment) {
+  BenchFormat& bench = experiment.bench;
+  const std::vector<ParameterSpec> specs = of_specimens(experiment);
+  if (auto set = table.optional_table("set")) {
+    for (const ParameterSpec& spec : specs) {
+      const std::string column = set->text(spec.id, "");
+      if (column.empty()) continue;
+      const Quantity quantity = quantity_of_si_unit(spec.unit);
+      const std::string id = column_unit(experiment, column, {quantity}, set->where(spec.id)).name;
+      experiment.set_by[id] = spec.id;
+      bench.controls.push_back({id, column, {quantity}});
+    }
+    set->finish();
+  }
+  const std::string column = table.text("specimen", "");
+  std::vector<std::string> labels;
+  for (TableReader& one : root.tables("specimen")) {
+    SpecimenSettings& specimen = experiment.specimens.emplace_back();
+    labels.push_back(specimen.id = one.text("id"));
+    if (auto set = one.optional_table("set")) {
+      for (const ParameterSpec& spec : specs) {
+        if (const auto value = set->optional_quantity(spec.id, quantity_of_si_unit(spec.unit)))
+          specimen.set[spec.id] = *value;
+      }
+      set->finish();
+    }
+    one.finish();
+  }
+  refuse_repeated(experiment.path, {labels}, "specimens");
+  if (column.empty() != labels.empty())
+    table.fail(
+        column.empty() ? "" : "specimen",
+        "'specimen' (the column that names each row's) and the tables [[specimen]] with an id each belong together");
+  if (column.empty()) return;
+  if (!experiment.set_by.empty())
+    table.fail("specimen",
+               "either one column names the specimens or columns set their dimensions; take one of them out");
+  experiment.specimen_control = "specimen";
+  bench.controls.push_back({"specimen", column, {Quantity::pure}, false, labels});
+  for (const std::string& id : ids_set_by_columns(experiment)) {
+    for (const SpecimenSettings& specimen : experiment.specimens) {
+      if (!specimen.set.contains(id))
+        throw InputError(fmt::format("{}: [[specimen]] '{}' does not set {}, which others do; give it in each",
+                                     experiment.path, specimen.id, id));
+    }
+  }
+}
+
+}  // namespace
 
 void read_readings(TableReader& root, Experiment& experiment) {
   TableReader table = root.table("bench");
@@ -22,6 +87,7 @@ void read_readings(TableReader& root, Experiment& experiment) {
     table.fail("value",
                "it belongs to files with a reading a row; name the column 'channel' that holds the channel's "
                "id too, or give each channel its own column");
+  read_specimens(root, table, experiment);
   experiment.zero_offset_per = table.text("zero_offset_per", "");
   if (!experiment.zero_offset_per.empty()) {
     known_id(table, "zero_offset_per", ids_of(bench.controls), "set by the bench");
@@ -41,6 +107,7 @@ void read_readings(TableReader& root, Experiment& experiment) {
   }
   if (auto tolerances = table.optional_table("tolerance")) {
     for (const BenchFormat::Control& control : bench.controls) {
+      if (experiment.set_by.contains(control.id) || !control.labels.empty()) continue;
       if (auto given = tolerances->optional_given(control.id))
         experiment.control_tolerances.emplace(control.id, *std::move(given));
     }

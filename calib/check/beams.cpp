@@ -57,7 +57,7 @@ bool only_pressed(const Look& look) {
 
 /// Whether a chain of beams may say something of the readings.
 bool for_beams(const Look& look) {
-  return look.spine && look.at_rest() && look.bench.trials_at_rest() != nullptr &&
+  return look.spine && !look.experiment.has_specimens() && look.at_rest() && look.bench.trials_at_rest() != nullptr &&
          look.experiment.mesh.depth_cells == 0 && !only_pressed(look);
 }
 

@@ -109,8 +109,11 @@ struct Sheet {
 
   void find_columns() {
     if (!format.trial_column.empty()) trial = find(format.trial_column, "the trial");
-    for (const BenchFormat::Control& control : format.controls)
-      controls.push_back(number_column(control.column, control.quantities, fmt::format("control '{}'", control.id)));
+    for (const BenchFormat::Control& control : format.controls) {
+      const std::string purpose = fmt::format("control '{}'", control.id);
+      controls.push_back(control.labels.empty() ? number_column(control.column, control.quantities, purpose)
+                                                : NumberColumn{find(control.column, purpose)});
+    }
     if (!format.channel_column.empty()) channel = find(format.channel_column, "the channel's name");
     for (const BenchFormat::Channel& one : format.channels) {
       values.push_back(number_column(one.column.empty() ? format.value_column : one.column, {one.quantity},
@@ -120,6 +123,7 @@ struct Sheet {
             number_column(format.sigma_column, {one.quantity}, fmt::format("sigma of channel '{}'", one.id)));
     }
     std::set<size_t> used = number_columns();
+    for (const NumberColumn& control : controls) used.insert(control.index);
     if (trial) used.insert(*trial);
     if (channel) used.insert(*channel);
     for (size_t i = 0; i < table.header.cells.size(); ++i) {
@@ -138,8 +142,11 @@ struct Sheet {
 
   std::set<size_t> number_columns() const {
     std::set<size_t> indices;
-    for (const auto* group : {&controls, &values, &sigmas}) {
+    for (const auto* group : {&values, &sigmas}) {
       for (const NumberColumn& column : *group) indices.insert(column.index);
+    }
+    for (size_t k = 0; k < controls.size(); ++k) {
+      if (format.controls[k].labels.empty()) indices.insert(controls[k].index);
     }
     return indices;
   }
@@ -171,10 +178,20 @@ struct Sheet {
                shown(cell), ascii ? "" : " (it holds a special character, perhaps a long minus sign or a blank)");
   }
 
+  double label_in(const Row& row, size_t column, const std::vector<std::string>& labels) const {
+    const std::string& text = text_in(row, column);
+    const auto found = std::ranges::find(labels, text);
+    if (found == labels.end())
+      table.fail(row, column, "'{}' is not a [[specimen]] of the experiment{}; it has: {}", shown(text),
+                 did_you_mean(text, labels), listed(labels));
+    return static_cast<double>(found - labels.begin()) + 1;
+  }
+
   std::vector<double> controls_in(const Row& row) const {
     std::vector<double> numbers;
     for (size_t k = 0; k < controls.size(); ++k) {
-      numbers.push_back(number_in(row, controls[k]));
+      const std::vector<std::string>& labels = format.controls[k].labels;
+      numbers.push_back(labels.empty() ? number_in(row, controls[k]) : label_in(row, controls[k].index, labels));
       if (format.controls[k].pulls && numbers.back() < 0)
         table.fail(row, controls[k].index,
                    "the tension is '{}', but a cable cannot push; correct the sign, or write 0 where it hung loose",
@@ -430,7 +447,8 @@ std::vector<LoadRow> read_load_rows(const BenchFormat& format, const std::string
   const std::vector<std::string> known = names_of(format);
   Sheet sheet(format, path, known);
   for (const BenchFormat::Control& control : format.controls)
-    sheet.controls.push_back(sheet.number_column(control.column, control.quantities, "load"));
+    sheet.controls.push_back(control.labels.empty() ? sheet.number_column(control.column, control.quantities, "load")
+                                                    : NumberColumn{sheet.find(control.column, "load")});
   const Row& header = sheet.table.header;
   for (size_t column = 0; column < header.cells.size(); ++column) {
     const std::string& name = header.cells[column];

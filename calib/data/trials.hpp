@@ -36,6 +36,7 @@ struct BenchFormat {
     std::string column;                ///< e.g. "tip_load_N" or "mass_g"
     std::vector<Quantity> quantities;  ///< what the unit may be; several are told apart by Trials::control_quantities
     bool pulls = false;                ///< a tension, which is never negative
+    std::vector<std::string> labels = {};  ///< its cells are these texts, its values their numbers from 1
   };
   /// What was measured, and where it stands.
   struct Channel {

@@ -19,12 +19,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// "5 N" is one, "tension_1_N" the name of a column.
-bool is_quantity(const std::string& text) {
-  const size_t blank = text.rfind(' ');
-  return blank != std::string::npos && parse_number(text.substr(0, blank));
-}
-
 void read_channel(TableReader& table, Experiment& experiment) {
   ChannelSettings channel = read_channel(table, experiment, Language::bench);
   BenchFormat::Channel& bench = experiment.bench.channels.emplace_back();
@@ -137,29 +131,6 @@ void drive_by(const Drive& drive, CableSettings& cable) {
       std::tie(drive.control, drive.held, drive.tension, drive.spool);
 }
 
-/// The keys along, offset and angle of eyelets beside the axis; what is not there is as `shared` has it.
-EyeletLine read_line(TableReader& table, const Experiment& experiment, EyeletLine line) {
-  const std::optional<BodyAxis> axis = experiment.geometry.shape->axis();
-  if (!axis)
-    table.fail("along", fmt::format("eyelets stand along the axis of a body, and \"{}\" has none; give their x and y",
-                                    experiment.geometry.kind()));
-  if (line.end == 0) line.end = axis->length;
-  if (table.has("along")) {
-    const std::vector<double> ends = table.quantities("along", Quantity::length, 2);
-    std::tie(line.start, line.end) = std::pair(ends[0], ends[1]);
-  }
-  if (!(line.start >= 0 && line.end > line.start && line.end <= axis->length * (1 + 1e-12)))
-    table.fail("along",
-               fmt::format("it has two places on the body in their order, from 0 to {}", with_unit(axis->length, "m")));
-  if (table.has("offset")) {
-    const std::vector<double> offsets = table.quantities("offset", Quantity::length, 2);
-    std::tie(line.offset, line.end_offset) = std::pair(offsets[0], offsets[1]);
-  }
-  line.angle = table.optional_quantity("angle", Quantity::angle).value_or(line.angle);
-  line.pieces = table.integer("pieces", line.pieces, 1);
-  return line;
-}
-
 void read_gravity(TableReader table, Experiment& experiment) {
   experiment.gravity = table.optional_quantity("acceleration", Quantity::acceleration).value_or(9.81);
   if (!(experiment.gravity > 0))
@@ -206,7 +177,7 @@ void read_cables(TableReader table, Experiment& experiment) {
       geometry.shape->defaults().cables ? geometry.shape->cable_names() : std::vector<std::string>{};
   const Drive common = read_drive(table, experiment);
   const bool along = table.has("along") || table.has("offset");
-  if (along) cables.line = read_line(table, experiment, {});
+  if (along) cables.line = read_eyelets(table, geometry, {});
   const auto add_own = [&](const std::string& id) -> CableSettings& {
     CableSettings& cable = cables.cables.emplace_back();
     cable.id = id;
@@ -224,7 +195,7 @@ void read_cables(TableReader table, Experiment& experiment) {
     if (along || one.has("along") || one.has("offset")) {
       cable = &cables.cables.emplace_back();
       cable->id = id;
-      cable->line = read_line(one, experiment, cables.line.value_or(EyeletLine{}));
+      cable->line = read_eyelets(one, geometry, cables.line.value_or(EyeletLine{}));
       cable->start_fixed = false;
     } else if (!own.empty() && !one.has("x")) {
       if (std::find(own.begin(), own.end(), id) == own.end())
@@ -295,6 +266,17 @@ void read_fit(TableReader table, Experiment& experiment) {
   for (auto& [id, free] : table.named_tables("free")) {
     experiment.free.push_back(
         {id, free.optional_given("start"), free.optional_given("lower"), free.optional_given("upper")});
+    if (free.has("per")) {
+      experiment.free.back().per_specimen = free.choice<bool>("per", {{"specimen", true}});
+      if (experiment.specimens.empty() && experiment.set_by.size() != 1)
+        free.fail("per",
+                  experiment.set_by.empty()
+                      ? "the bench has one specimen; name what sets others ([bench] set or specimen), or leave this out"
+                      : "several columns set dimensions; name the specimens in one column ([bench] specimen) instead");
+    }
+    const std::vector<std::string> set = ids_set_by_columns(experiment);
+    if (std::ranges::find(set, id) != set.end())
+      free.fail("", fmt::format("'{}' is set by a column of the bench; take this table out", id));
     free.finish();
   }
   if (kind.specimen) experiment.all_profiles = table.choice<bool>("profiles", {{"doubtful", false}, {"all", true}});

@@ -189,7 +189,33 @@ class Run {
     };
   }
 
+  /// What parameters that each specimen has for itself say of another one.
+  void judge_specimens() {
+    for (const FreeSettings& free : bench_.experiment().free) {
+      if (!free.per_specimen) continue;
+      std::vector<double> values, errors;
+      const ParameterSpec* spec = nullptr;
+      for (const ParameterEstimate& e : record_.fit.parameters) {
+        if (!e.spec.id.starts_with(free.id + "_") || !(e.standard_error > 0)) continue;
+        values.push_back(e.value);
+        errors.push_back(e.standard_error);
+        spec = &e.spec;
+      }
+      if (values.size() < 3) continue;
+      const Spread spread = spread_of(values, errors);
+      std::string text = fmt::format("{} of {} specimens: mean {} +- {} (95 %)", free.id, values.size(),
+                                     with_unit(spread.mean, spec->unit), with_unit(spread.half_width, spec->unit, 2));
+      text +=
+          spread.resolved
+              ? fmt::format(", scatter between them {} (one standard deviation); another one is predicted to +- {}",
+                            with_unit(spread.omega, spec->unit, 2), with_unit(spread.next_half_width, spec->unit, 2))
+              : "; scatter between them is not resolved beyond their errors";
+      record_.remarks.push_back(text);
+    }
+  }
+
   void after_the_fit() {
+    if (record_.fit.status == FitStatus::converged) judge_specimens();
     stage("the replay", [&] { replay(); });
     if (!record_.fit.followed.empty())
       record_.remarks.emplace_back(
@@ -522,7 +548,7 @@ void explain(const Bench& bench, const Ask& ask, RunRecord& record) {
   }
   if (dimensioned) {
     for (const Assumption& one : assumptions_of(bench.experiment(), table, p, dimensioned->dimensions)) {
-      if (one.id == "g" ||
+      if (one.id == "g" || estimate_of(fit, one.id) != nullptr ||
           std::ranges::find(readings.controls, one.id, &ExplainedReadings::Axis::id) != readings.controls.end())
         continue;
       readings.assumed.push_back({one.id, one.unit});

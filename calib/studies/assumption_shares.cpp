@@ -69,6 +69,8 @@ std::vector<Share> assumption_shares(const Experiment& experiment, const Dimensi
   Prediction own{whole.values, whole.derivatives.leftCols(n), {}};
   for (size_t a = 0; a < assumptions.size(); ++a) {
     const Assumption& assumption = assumptions[a];
+    if (std::ranges::any_of(fit.parameters, [&](const ParameterEstimate& e) { return e.spec.id == assumption.id; }))
+      continue;  // a specimen's own
     Eigen::VectorXd column = whole.derivatives.col(n + static_cast<Eigen::Index>(a));
     const double change = assumption.tolerance > 0 ? assumption.tolerance : unstated * std::abs(assumption.value);
     if (assumption.scale) {

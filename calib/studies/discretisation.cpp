@@ -7,9 +7,9 @@
 #include <map>
 #include <optional>
 
-#include "calib/benches/assumptions.hpp"
 #include "calib/benches/bench.hpp"
 #include "calib/benches/model.hpp"
+#include "calib/benches/specimens.hpp"
 #include "calib/fit/goodness_of_fit.hpp"
 #include "sim/core/dense.hpp"
 #include "sim/core/error.hpp"
@@ -83,15 +83,16 @@ struct Fitted {
   /// The same with another model.
   Shift shift_with(const Experiment& with, const std::string& what) const {
     if (progress) progress(what);
-    DimensionedProtocol protocol(with, trials, free_dimensions(with));
-    if (!protocol.left_out().empty()) return {{}, protocol.left_out().front()};
+    const DimensionedModel model = full_model(with, trials, free_dimensions(with));
+    if (!model.left_out.empty()) return {{}, model.left_out.front()};
+    Protocol& protocol = *model.protocol;
     const ParameterTable& table = protocol.parameters();
     const std::vector<FreeParameter> free = free_at(fit, table);
     Params p = protocol.nominal();  // by ids: a solid has no thickness among its parameters
     for (const FreeParameter& parameter : free) p[parameter.index] = parameter.start;
     const Prediction prediction = ask ? ask(protocol, p, indices_of(free)) : protocol.predict(p, indices_of(free));
     if (!prediction.complete()) return {{}, prediction.failures.front()};
-    return {gauss_newton_step(prediction, protocol.replay().measurements, table, p, free), ""};
+    return {gauss_newton_step(prediction, model.measurements, table, p, free), ""};
   }
 
   Share mesh_share(const Shift& own) const {

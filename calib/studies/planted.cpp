@@ -7,8 +7,8 @@
 #include <random>
 #include <sstream>
 
-#include "calib/benches/assumptions.hpp"
 #include "calib/benches/model.hpp"
+#include "calib/benches/specimens.hpp"
 #include "calib/models/beam_model.hpp"
 #include "calib/studies/assumption_shares.hpp"
 #include "sim/core/error.hpp"
@@ -184,7 +184,8 @@ void fit_off(const PlantedBench& bench, PlantedResult& result) {
   if (found.status == FitStatus::converged) {
     Experiment experiment = bench.experiment;
     shares = discretisation_shares(experiment, bench.trials, found);
-    for (Share& share : assumption_shares(experiment, dimensioned(experiment, bench.trials), found))
+    for (Share& share :
+         assumption_shares(experiment, full_model(experiment, bench.trials, dimensions_of(experiment)), found))
       shares.push_back(std::move(share));
   }
   for (size_t j = 0; j < found.parameters.size(); ++j) {

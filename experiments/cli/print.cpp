@@ -159,7 +159,7 @@ void print_readings(const RunRecord& record) {
   for (const ReadingRecord& reading : record.readings) {
     std::string controls;
     for (size_t k = 0; k < reading.controls.size(); ++k)
-      controls += fmt::format("{}{}", k == 0 ? "" : ", ", with_unit(reading.controls[k], record.controls[k].unit));
+      controls += fmt::format("{}{}", k == 0 ? "" : ", ", text_of(record.controls[k], reading.controls[k]));
     const double residual = reading.measured - reading.predicted;
     const char* excluded = reading.excluded ? "  not fitted" : "";
     const WrittenUnit unit = written_unit(channel_axis(record, reading.channel).unit);

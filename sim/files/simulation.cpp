@@ -81,6 +81,7 @@ void read_body(TableReader& table, Simulation& simulation) {
     table.fail("mesh", "all bodies have one formulation, since they may share materials; give them the same");
   body.at = table.has("at") ? table.quantities("at", Quantity::length, d) : std::vector<double>(d, 0.0);
   body.angle = table.optional_quantity("turned", Quantity::angle).value_or(0);
+  if (d == 3 && table.has("turn")) body.turn = table.quantities("turn", Quantity::angle, 3);
   if (table.has("velocity")) body.velocity = table.quantities("velocity", Quantity::speed, d);
   for (const std::string& tag : table.texts_or_none("clamped"))
     body.fixed.emplace_back(tag, d == 2 ? std::vector<int>{0, 1} : std::vector<int>{0, 1, 2});
@@ -133,12 +134,29 @@ void read_cable(TableReader& table, Simulation& simulation) {
   cable.body = known_id(table, "body", body_names(simulation), "a [[body]]");
   if (table.has("x")) {
     read_cable_points(table, simulation.dimension, {"none", "start", "end", "both"}, cable);
+  } else if (table.has("along")) {
+    const auto body = std::ranges::find(simulation.bodies, cable.body, &BodySettings::name);
+    cable.line = read_eyelets(table, body->geometry, {});
+    cable.start_fixed = false;
   } else {
     cable.path = table.text("path");  // one of the geometry's own
     cable.start_fixed = table.boolean("anchored", false);
   }
-  read_cable_law(table, cable.own.emplace(), false);
-  if (table.has("retraction")) cable.control = control_of(table, "retraction", simulation, Quantity::length);
+  cable.held = table.has("tension");
+  if (cable.held) {
+    if (table.has("retraction"))
+      table.fail("tension", "a cable is driven by its retraction or by its tension; give one of them");
+    const std::string given = table.text("tension");
+    if (is_quantity(given)) {
+      cable.tension = parse_quantity(given, Quantity::force, table.where("tension"));
+      if (cable.tension < 0) table.fail("tension", "a cable cannot push; a tension is zero or more");
+    } else {
+      cable.control = control_of(table, "tension", simulation, Quantity::force);
+    }
+  } else {
+    read_cable_law(table, cable.own.emplace(), false);
+    if (table.has("retraction")) cable.control = control_of(table, "retraction", simulation, Quantity::length);
+  }
   table.finish();
   simulation.cables.cables.push_back(std::move(cable));
 }

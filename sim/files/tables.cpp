@@ -229,6 +229,33 @@ void read_cable_points(TableReader& table, int dimension, const std::vector<std:
   cable.end_fixed = ends == "end" || ends == "both";
 }
 
+EyeletLine read_eyelets(TableReader& table, const GeometrySettings& geometry, EyeletLine line) {
+  const std::optional<BodyAxis> axis = geometry.shape->axis();
+  if (!axis)
+    table.fail("along", fmt::format("eyelets stand along the axis of a body, and \"{}\" has none; give their x and y",
+                                    geometry.kind()));
+  if (line.end == 0) line.end = axis->length;
+  if (table.has("along")) {
+    const std::vector<double> ends = table.quantities("along", Quantity::length, 2);
+    std::tie(line.start, line.end) = std::pair(ends[0], ends[1]);
+  }
+  if (!(line.start >= 0 && line.end > line.start && line.end <= axis->length * (1 + 1e-12)))
+    table.fail("along",
+               fmt::format("it has two places on the body in their order, from 0 to {}", with_unit(axis->length, "m")));
+  if (table.has("offset")) {
+    const std::vector<double> offsets = table.quantities("offset", Quantity::length, 2);
+    std::tie(line.offset, line.end_offset) = std::pair(offsets[0], offsets[1]);
+  }
+  line.angle = table.optional_quantity("angle", Quantity::angle).value_or(line.angle);
+  line.pieces = table.integer("pieces", line.pieces, 1);
+  return line;
+}
+
+bool is_quantity(const std::string& text) {
+  const size_t blank = text.rfind(' ');
+  return blank != std::string::npos && parse_number(text.substr(0, blank));
+}
+
 void read_surroundings(TableReader& table, int dimension, SurfaceSettings& contact) {
   for (TableReader& one : table.tables("obstacle")) {
     if (dimension == 3) one.fail("", "obstacles are for 2D simulations; use a ground or a clamped body");

@@ -68,6 +68,11 @@ LoadSettings read_load(TableReader& table, const Setup& setup, Language language
 void read_cable_law(TableReader& table, CableLaw& law, bool takes_EA);
 /// Keys x, y(, z) and fixed of a cable; `fixed` are the words for the latter, the first is the fallback.
 void read_cable_points(TableReader& table, int dimension, const std::vector<std::string>& fixed, CableSettings& cable);
+/// The keys along, offset, angle and pieces of eyelets beside the axis of a body; what is not there is as `line` has
+/// it.
+EyeletLine read_eyelets(TableReader& table, const GeometrySettings& geometry, EyeletLine line);
+/// Whether a text is a number with a unit: "5 N" is, "tension_1_N" is a name.
+bool is_quantity(const std::string& text);
 /// Tables obstacle and ground of [contact].
 void read_surroundings(TableReader& table, int dimension, SurfaceSettings& contact);
 /// Keys of a [[channel]]: id, kind (those that files of this language have), direction when it has one, and what it

@@ -62,6 +62,8 @@ ParameterSpec control_spec(const std::string& id, Quantity quantity) {
       return {id, "u", "m", -1e3, 1e3, "prescribed displacement or retraction"};
     case Quantity::angle:
       return {id, "theta", "rad", -1e9, 1e9, "angle of a motor"};
+    case Quantity::pure:
+      return {id, id, "1", 0, 1e6, "number of a specimen"};
     case Quantity::torque:
       return {id, "tau", "Nm", -1e9, 1e9, "torque of a spool"};
     default:

@@ -1,11 +1,10 @@
-#include "calib/benches/assumptions.hpp"
-
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <tuple>
 
+#include "calib/benches/specimens.hpp"
 #include "calib/benches/static_bench.hpp"
 #include "calib/fit/fit.hpp"
 #include "calib/runs/open_bench.hpp"
@@ -48,7 +47,8 @@ class Assumptions : public testing::Test {
     EXPECT_EQ(result.status, FitStatus::converged);
     if (modulus != nullptr) *modulus = result.parameters[0].value;
     std::map<std::string, Share> found;
-    for (const Share& share : assumption_shares(experiment, dimensioned(experiment, trials), result))
+    for (const Share& share :
+         assumption_shares(experiment, full_model(experiment, trials, dimensions_of(experiment)), result))
       found[share.source] = share;
     return found;
   }

@@ -153,6 +153,71 @@ TEST(Simulate, AStaticRunReadsReactionsAndLengthsOfCables) {
   EXPECT_NEAR(channel(r, "path").back(), 0.06 - 0.003 + channel(r, "tension").back() / 2000, 1e-9);
 }
 
+/// A strip that a cable in its middle pulls together, held at tensions.
+const std::string pulled_strip = R"(
+title = "A strip is pulled together"
+[simulation]
+integrator = "static"
+duration = "1 s"
+step = "0.5 s"
+thickness = "20 mm"
+plane = "stress"
+[[body]]
+name = "strip"
+geometry = { kind = "rectangle", size = ["100 mm", "10 mm"], region = "foam" }
+mesh = { cells = [20, 2] }
+clamped = ["xmin"]
+[materials.foam]
+E = "500 kPa"
+nu = 0
+density = "50 kg/m3"
+[[control]]
+id = "pull"
+start = "0 N"
+[[control.piece]]
+until = "1 s"
+kind = "linear"
+to = "0.2 N"
+[[cable]]
+id = "middle"
+body = "strip"
+along = ["0 mm", "100 mm"]
+tension = "pull"
+[[channel]]
+id = "tip"
+kind = "displacement"
+of = "strip.xmax"
+direction = [1, 0]
+[[channel]]
+id = "tension"
+kind = "tension"
+of = "middle"
+)";
+
+TEST(Simulate, ACableHeldAtAScheduledTensionShortensAStripByTLOverEA) {
+  const Finished r = run(pulled_strip);
+  ASSERT_EQ(r.result.failure, "");
+  ASSERT_EQ(r.result.times.size(), 3u);
+  for (size_t k = 0; k < 3; ++k) {
+    const double T = 0.1 * static_cast<double>(k);
+    EXPECT_NEAR(channel(r, "tension")[k], T, 1e-12);
+    EXPECT_NEAR(channel(r, "tip")[k], -T * 0.1 / (500e3 * 0.02 * 0.01), 2e-3 * T * 1e-3);
+  }
+}
+
+TEST(Simulate, TensionsThatContradictThemselvesAreRefused) {
+  const TemporaryFolder folder;
+  const auto refuses = [&](const std::string& to, const std::vector<std::string>& parts) {
+    const std::string path = folder.write("strip.toml", replaced(pulled_strip, "tension = \"pull\"", to));
+    expect_input_error([&] { read_simulation(path); }, parts);
+  };
+  refuses("tension = \"pull\"\nretraction = \"pull\"", {"[cable] tension", "by its retraction or by its tension"});
+  refuses("tension = \"-1 N\"", {"[cable] tension", "cannot push"});
+  refuses("tension = \"1 mm\"", {"[cable] tension", "mm"});
+  refuses("tension = \"pul\"", {"pul", "did you mean 'pull'?"});
+  refuses("tension = \"pull\"\nk = \"1 N/mm\"", {"[cable]", "k"});
+}
+
 /// A block of 8 x 6 mm in two cables up to the world.
 const char* const hung_block = R"(
 title = "A block in cables"
