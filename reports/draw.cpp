@@ -212,9 +212,7 @@ class Sheet {
       }
     }
     for (const CableSettings& cable : experiment_.cables.cables) {
-      for (const std::vector<double>& p : cable.points) {
-        out += line("cable", cable.id, ++part, p[0] / kMillimetre, p[1] / kMillimetre, "");
-      }
+      for (const Point& p : points_of(cable)) out += line("cable", cable.id, ++part, p.x(), p.y(), "");
     }
     return out;
   }
@@ -235,14 +233,33 @@ class Sheet {
     return lines;
   }
 
+  /// [mm]
+  std::vector<Point> points_of(const CableSettings& cable) const {
+    std::vector<Point> points;
+    for (const std::vector<double>& p : cable.points) points.emplace_back(Point(p[0], p[1]) / kMillimetre);
+    if (cable.line) {
+      const BodyAxis axis = *experiment_.geometry.shape->axis();
+      for (const auto& [s, offset] :
+           {std::pair(cable.line->start, cable.line->offset), std::pair(cable.line->end, cable.line->end_offset)})
+        points.emplace_back(axis.point(s, offset, cable.line->angle).head<2>() / kMillimetre);
+    }
+    return points;
+  }
+  Point place_of_marker(const ChannelSettings& channel) const {
+    Eigen::VectorXd at = experiment_.geometry.shape->axis()->point(*channel.foot, 0, 0);
+    if (!channel.standoff.empty()) at += vector_of(channel.standoff);
+    return at.head<2>() / kMillimetre;
+  }
+
   void add_cables(Page& page, const Window& window, Plots& plots) const {
     Rows lines, vias, fixed;
     for (const CableSettings& cable : experiment_.cables.cables) {
-      std::vector<Point> points;
-      for (const std::vector<double>& p : cable.points) points.emplace_back(Point(p[0], p[1]) / kMillimetre);
+      const std::vector<Point> points = points_of(cable);
       for (size_t i = 0; i < points.size(); ++i) {
         if (i > 0) window.add(lines, points[i - 1], points[i]);
-        const bool anchor = (i == 0 && cable.start_fixed) || (i + 1 == points.size() && cable.end_fixed);
+        const bool end = i == 0 || i + 1 == points.size();
+        if (cable.line && !end) continue;  // of a row of eyelets only the ends
+        const bool anchor = !cable.line && ((i == 0 && cable.start_fixed) || (end && i > 0 && cable.end_fixed));
         if (window.contains(points[i])) (anchor ? fixed : vias).push_back({points[i].x(), points[i].y()});
       }
     }
@@ -278,8 +295,9 @@ class Sheet {
     for (const ChannelSettings& channel : experiment_.channels) {
       const ChannelKind::On on = channel.kind->on;
       if (on != ChannelKind::On::place && on != ChannelKind::On::tag) continue;  // a cable is drawn as such
-      const Point at = channel.on.empty() ? Point(Point(channel.point[0], channel.point[1]) / kMillimetre)
-                                          : place_of(mesh_, mesh_.select(channel.on)).middle;
+      const Point at = channel.foot         ? place_of_marker(channel)
+                       : channel.on.empty() ? Point(Point(channel.point[0], channel.point[1]) / kMillimetre)
+                                            : place_of(mesh_, mesh_.select(channel.on)).middle;
       if (window.contains(at)) rows.push_back({at.x(), at.y()});
     }
     page.add(plots, rows, "points pt 13 ps 1.4", kMeasured);

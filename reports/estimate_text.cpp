@@ -86,14 +86,14 @@ std::vector<std::string> spread_over_sets(const RunRecord& record) {
     double low = e.value, high = e.value;
     int sets = 1;
     for (const VariantRecord& variant : record.variants) {
-      if (variant.further.empty() || p >= variant.values.size()) continue;
+      if (!variant.other_model() || p >= variant.values.size()) continue;
       ++sets;
       low = std::min(low, variant.values[p]);
       high = std::max(high, variant.values[p]);
     }
     if (sets < 2) continue;
     const std::string range =
-        fmt::format("{} to {} over {} sets of free parameters, standard error {}", with_unit(low, e.spec.unit),
+        fmt::format("{} to {} over {} sets of free parameters and laws, standard error {}", with_unit(low, e.spec.unit),
                     with_unit(high, e.spec.unit), sets, with_unit(e.standard_error, e.spec.unit, 2));
     sentences.push_back(
         high - low > 2 * e.standard_error
@@ -106,9 +106,13 @@ std::vector<std::string> spread_over_sets(const RunRecord& record) {
 std::string further_text(const VariantRecord& variant) {
   std::vector<std::string> texts;
   for (const FurtherRecord& one : variant.further) {
-    const DisplayUnit unit = display_unit(std::max(std::abs(one.value), one.standard_error), one.unit);
-    texts.push_back(fmt::format("{} = {:.3g} ± {:.2g}{}", one.id, one.value / unit.factor,
-                                one.standard_error / unit.factor, unit.name == "1" ? "" : " " + unit.name));
+    const double shown = std::isfinite(one.standard_error) ? one.standard_error : 0;
+    const DisplayUnit unit = display_unit(std::max(std::abs(one.value), shown), one.unit);
+    const std::string error = std::isfinite(one.standard_error)
+                                  ? fmt::format("{:.2g}", one.standard_error / unit.factor)
+                                  : std::string("not known");
+    texts.push_back(fmt::format("{} = {:.3g} ± {}{}", one.id, one.value / unit.factor, error,
+                                unit.name == "1" ? "" : " " + unit.name));
     if (one.verdict != name_of(Verdict::well_determined)) texts.back() += fmt::format(" ({})", one.verdict);
   }
   return join(texts);
@@ -215,6 +219,8 @@ std::string limit_text(const RunRecord& record, size_t j) {
                          : counted->source == "contact gap"                            ? "make contact_gap smaller"
                          : counted->source == "plane section"                          ? "fit with model = \"solid\""
                          : counted->source == "model" || counted->source == "rigidity" ? "fit with model = \"full\""
+                         : counted->source == "section law"
+                             ? "see which the readings want, by a [[fit.variant]] with the other rod_section"
                          : counted->source.starts_with("scatter") ? "look for what differs from one to the next"
                                                                   : "measure it better";
     text = fmt::format("Limited by the {} ({}) rather than the noise: {}.", counted->source, size(*counted), remedy);

@@ -162,7 +162,10 @@ std::string panel_title(const std::string& channel) {
 }
 
 std::string load_axis_label(const RunRecord& record) {
-  return (record.load_label.empty() ? "load" : record.load_label) + " [N]";
+  const std::string label = record.load_label.empty() ? "load" : record.load_label;
+  const bool torque =
+      record.load_control >= 0 && record.controls[static_cast<size_t>(record.load_control)].unit == "Nm";
+  return label + (torque ? " [Nm]" : " [N]");
 }
 
 int tics_for(const Box& box) {

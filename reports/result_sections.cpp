@@ -25,7 +25,7 @@ std::string differences(const RunRecord& record, size_t p) {
   std::string out;
   std::vector<double> changes;
   for (const VariantRecord& variant : record.variants) {
-    if (!variant.further.empty()) continue;
+    if (variant.other_model()) continue;
     const double change = p < variant.values.size() ? variant.values[p] / estimate.value - 1 : NAN;
     if (std::isfinite(change)) changes.push_back(change);
   }
@@ -90,7 +90,7 @@ std::string share_table(const RunRecord& record) {
 /// What each set of further free parameters buys, and what it does to the others.
 std::string evidence_table(const RunRecord& record) {
   std::vector<VariantRecord> all = record.variants;
-  std::erase_if(all, [](const VariantRecord& variant) { return variant.further.empty(); });
+  std::erase_if(all, [](const VariantRecord& variant) { return !variant.other_model(); });
   if (all.empty()) return "";
   all.insert(all.begin(), record.main);
   const std::vector<ParameterEstimate>& parameters = record.fit.parameters;
@@ -109,7 +109,7 @@ std::string evidence_table(const RunRecord& record) {
     }
     for (const MarkerMisfit& misfit : fit.markers) row.push_back(fmt::format("{:.1f} mm", 1e3 * misfit.rms));
     row.resize(header.size() - 1);
-    row.push_back(further_text(fit));
+    row.push_back(fit.law.empty() ? further_text(fit) : "sections: " + fit.law);
     return row;
   };
   const std::vector<std::string> limits = spread_over_sets(record);
@@ -130,7 +130,7 @@ std::string variant_table(const RunRecord& record) {
     header.insert(header.end(), {"#" + estimate.spec.id + " ± standard error", "#Change"});
   header.insert(header.end(), {"#Chi squared", "#Time", "Status"});
   std::vector<VariantRecord> all = record.variants;
-  std::erase_if(all, [](const VariantRecord& variant) { return !variant.further.empty(); });
+  std::erase_if(all, [](const VariantRecord& variant) { return variant.other_model(); });
   if (all.empty()) return "";
   VariantRecord& main = *all.insert(all.begin(), record.main);
   if (main.name != "this fit") main.name += " (this fit)";

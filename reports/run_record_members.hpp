@@ -97,6 +97,7 @@ void describe(auto&& a, VariantRecord& variant) {
   a("chi_squared", variant.chi_squared);
   a("seconds", variant.seconds);
   if (a.there("further", !variant.further.empty())) a("further", variant.further);
+  if (a.there("law", !variant.law.empty())) a("law", variant.law);
   if (a.there("markers", !variant.markers.empty())) a("markers", variant.markers);
 }
 

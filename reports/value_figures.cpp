@@ -121,7 +121,7 @@ std::optional<Drawing> variants(const RunRecord& record) {
   if (over_strain(record)) return std::nullopt;
   const std::vector<Values> panels = compared(record);
   if (panels.empty()) return std::nullopt;
-  const bool further = std::ranges::any_of(record.variants, [](const auto& one) { return !one.further.empty(); });
+  const bool further = std::ranges::any_of(record.variants, [](const auto& one) { return one.other_model(); });
   const std::string other = further ? "other free parameters" : "other mesh";
   const std::string effect = further ? "Effect of further free parameters" : "Effect of the mesh";
   const bool meshes = !record.variants.empty(), references = !record.references.empty();

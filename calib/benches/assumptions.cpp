@@ -69,10 +69,14 @@ void add_free_of_mesh(const std::string& id, std::string_view meaning, const std
                         value,
                         std::move(set),
                         [](const Mesh& mesh) { return Eigen::VectorXd::Zero(mesh.X.size()).eval(); }});
+  dimensions.back().spec.may_be_zero = unit == "rad" || id.starts_with("shift_");
 }
 
 /// Ends, offsets and angles of eyelets beside the axis: "cable_offset" of all that share one, "offset_<id>" of others.
 void add_eyelets(const Experiment& experiment, std::vector<Dimension>& dimensions) {
+  const auto& cables = experiment.cables.cables;
+  if (std::ranges::none_of(cables, [](const CableSettings& cable) { return cable.line.has_value(); })) return;
+  const double length = experiment.geometry.shape->axis()->length;
   const auto shared = experiment.cables.line;
   struct Part {
     std::string_view name, meaning, key;
@@ -86,21 +90,20 @@ void add_eyelets(const Experiment& experiment, std::vector<Dimension>& dimension
        {"angle", "angle about the axis", "angle", &EyeletLine::angle}}};
   for (const auto& [name, meaning, key, member] : parts) {
     const bool angle = key == "angle";
-    const double reach = angle ? M_PI : std::max(experiment.geometry.shape->axis()->length, 1e-9);
-    const auto is_shared = [&, member = member](const CableSettings& cable) {
-      return shared && cable.line && (*cable.line).*member == (*shared).*member;
+    const double reach = angle ? M_PI : length;
+    const std::string group(key.substr(0, key.find('.')));
+    const auto is_shared = [shared = shared.has_value(), group](const CableSettings& cable) {
+      return shared && cable.line && std::ranges::find(cable.own_line, group) == cable.own_line.end();
     };
-    const auto& cables = experiment.cables.cables;
+    if (angle && experiment.geometry.dimension == 2) continue;  // to either side, no more
     if (std::ranges::any_of(cables, is_shared))
       add_free_of_mesh(
           fmt::format("cable_{}", name), fmt::format("cables: {}", meaning), fmt::format("cables.{}", key),
           (*shared).*member, reach, angle ? "rad" : "m",
-          [member = member](Experiment& other, double value) {
-            const double before = (*other.cables.line).*member;
+          [member = member, is_shared](Experiment& other, double value) {
             for (CableSettings& cable : other.cables.cables) {
-              if (cable.line && (*cable.line).*member == before) (*cable.line).*member = value;
+              if (is_shared(cable)) (*cable.line).*member = value;
             }
-            (*other.cables.line).*member = value;
           },
           dimensions);
     for (size_t c = 0; c < cables.size(); ++c) {
@@ -208,6 +211,19 @@ std::map<std::string, Tolerance> tolerances_by_id(const Experiment& experiment, 
   }
   return found;
 }
+
+}  // namespace
+
+void drop_tolerances(Experiment& experiment, const std::vector<std::string>& ids) {
+  const std::vector<Dimension> dimensions = all_dimensions(experiment);
+  std::erase_if(experiment.tolerances, [&](const auto& entry) {
+    const auto dimension = std::ranges::find(dimensions, entry.first, &Dimension::place);
+    const std::string id = dimension != dimensions.end() ? dimension->spec.id : id_at(entry.first);
+    return std::ranges::find(ids, id) != ids.end();
+  });
+}
+
+namespace {
 
 /// A control's own tolerance: a part of its values, or an error of its zero.
 Assumption control_assumption(const Experiment& experiment, const ParameterSpec& spec) {

@@ -33,6 +33,9 @@ struct Assumption {
 std::vector<Assumption> assumptions_of(const Experiment& experiment, const ParameterTable& table, const Params& p,
                                        const std::vector<Dimension>& dimensions);
 
+/// Forgets the tolerances of these parameters and dimensions: of what is fitted they have no effect.
+void drop_tolerances(Experiment& experiment, const std::vector<std::string>& ids);
+
 /// Those of its dimensions that an experiment fits: [fit.free.gap_total].
 std::vector<Dimension> free_dimensions(const Experiment& experiment);
 

@@ -69,6 +69,27 @@ std::string channel_text(const ChannelSettings& channel) {
   return text;
 }
 
+/// How the body stands; "": as its geometry has it.
+std::string base_text(const Experiment& experiment) {
+  std::string text;
+  if (!experiment.base_turn.empty()) {
+    for (double angle : experiment.base_turn)
+      text += fmt::format("{}{:.4g} deg", text.empty() ? "turned by " : ", ", angle * 180 / M_PI);
+    if (experiment.base_turn.size() == 3) text += " about x, y, z";
+  }
+  if (!experiment.base_at.empty())
+    text += fmt::format("{}its origin at {}", text.empty() ? "" : "; ", list_of(experiment.base_at, "m"));
+  return text;
+}
+
+/// "from 0 m to 305 mm along the axis, 11.4 mm off it, 2.4 mm at its end, at 60 deg".
+std::string line_text(const EyeletLine& line) {
+  std::string text = fmt::format("from {} to {} along the axis, {} off it", with_unit(line.start, "m"),
+                                 with_unit(line.end, "m"), with_unit(line.offset, "m"));
+  if (line.end_offset != line.offset) text += fmt::format(", {} at its end", with_unit(line.end_offset, "m"));
+  return text + fmt::format(", at {:.4g} deg", line.angle * 180 / M_PI);
+}
+
 /// `model` in words.
 std::string rung_text(const Experiment& experiment) {
   const std::string name = fmt::format("\"{}\"", name_of(experiment.model));
@@ -355,6 +376,9 @@ Experiment changed_by(Experiment changed, const VariantSettings& variant) {
   }
   changed.free.insert(changed.free.end(), variant.free.begin(), variant.free.end());
   changed.variants.clear();
+  std::vector<std::string> ids;
+  for (const FreeSettings& free : variant.free) ids.push_back(free.id);
+  if (!ids.empty()) drop_tolerances(changed, ids);
   return changed;
 }
 
@@ -434,12 +458,13 @@ std::string StaticBench::cables_text() const {
     if (cable.own) text += fmt::format("; {}: {}", cable.id, law("k_" + cable.id, "slack_" + cable.id));
     if (cable.held && cable.control.empty())
       text += fmt::format("; {} held at {}", cable.id, with_unit(cable.tension, "N"));
-    if (cable.spool > 0) text += fmt::format("; {} on a spool of radius {}", cable.id, with_unit(cable.spool, "m"));
+    if (cable.held && !cable.control.empty())
+      text += fmt::format("; {} pulled by column '{}'", cable.id, experiment_.cables.tension_columns.at(cable.control));
+    if (cable.spool > 0) text += fmt::format(" on a spool of radius {}", with_unit(cable.spool, "m"));
+    if (cable.line) text += ", " + line_text(*cable.line);
   }
   for (const auto& [id, column] : experiment_.cables.columns)
     text += fmt::format("; retracted by column '{}', before the loads", column);
-  for (const auto& [id, column] : experiment_.cables.tension_columns)
-    text += fmt::format("; tension in column '{}'", column);
   return text;
 }
 
@@ -473,6 +498,7 @@ Lines StaticBench::describe() const {
   for (const SupportSettings& support : e.supports) lines.emplace_back("support " + support.on, support_text(support));
   for (auto& line : load_lines()) lines.push_back(std::move(line));
   if (!e.cables.cables.empty()) lines.emplace_back("cables", cables_text());
+  if (const std::string base = base_text(e); !base.empty()) lines.emplace_back("base", base);
   if (e.contact.on) lines.emplace_back("contact", contact_text());
   for (const ChannelSettings& channel : e.channels) lines.emplace_back("channel " + channel.id, channel_text(channel));
   lines.emplace_back("measured from", e.from_unloaded ? "the unloaded equilibrium" : "the rest shape");

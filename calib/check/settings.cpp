@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <tuple>
 
 #include "calib/benches/assumptions.hpp"
+#include "calib/benches/model.hpp"
 #include "calib/check/look.hpp"
 #include "sim/core/numbers.hpp"
 #include "sim/core/units.hpp"
@@ -175,6 +177,7 @@ Sentences wide_tolerances(const Look& look) {
        assumptions_of(look.experiment, look.table, look.start, dimensions_of(look.experiment))) {
     // Pure numbers and slacks may be next to nothing.
     if ((one.unit == "1" && !one.scale) || one.id == "slack" || one.value == 0) continue;
+    if (look.table.contains(one.id) ? look.table[look.table.index(one.id)].may_be_zero : one.unit == "rad") continue;
     if (one.tolerance < std::abs(one.value)) continue;
     if (look.bench.sets(one.id) && !one.scale) continue;  // an error of its zero
     found.push_back(fmt::format("{} = {} with a tolerance of {}, {:.0f} % of it: is its unit right?", one.id,
@@ -210,6 +213,75 @@ Sentences distant_markers(const Look& look) {
           fmt::format("[[channel]] '{}': its marker stands {} off the surface, {:.2g} times the specimen's size"
                       "; is the unit of standoff right?",
                       channel.id, with_unit(off, "m"), off / look.size));
+  }
+  return found;
+}
+
+/// The largest tension of a cable [N], with the line where it stands; of a constant one 0.
+std::pair<double, int> largest_tension(const Look& look, const CableSettings& cable) {
+  if (cable.control.empty()) return {cable.tension, 0};
+  const size_t k = position_of_control(look.experiment, cable.control);
+  const double factor = cable.spool > 0 ? 1 / cable.spool : 1;
+  std::pair<double, int> largest;
+  for (const BenchReading* reading : look.readings) {
+    if (factor * reading->controls[k] > largest.first) largest = {factor * reading->controls[k], reading->line};
+  }
+  return largest;
+}
+
+/// Tensions that would press the softest region together by more than half at the thinnest section they reach.
+Sentences crushing_tensions(const Look& look) {
+  Sentences found;
+  double softest = infinity;
+  for (const MaterialSettings& material : look.experiment.materials)
+    softest = std::min(softest, look.value("E_" + material.region));
+  for (const CableSettings& cable : look.experiment.cables.cables) {
+    if (!cable.held || !cable.line || look.experiment.geometry.dimension != 3) continue;
+    const BodyAxis axis = *look.experiment.geometry.shape->axis();
+    const double area = std::min(axis.section(cable.line->start).area, axis.section(cable.line->end).area);
+    const auto [tension, line] = largest_tension(look, cable);
+    const double strain = tension / (softest * area);
+    if (!(strain > 1.5)) continue;
+    found.push_back(fmt::format(
+        "{}cable '{}' pulls with {}, {:.2g} times what presses its thinnest section together by all its length at E = "
+        "{}: is its unit right (g for N, N for mN), or the spool's?",
+        line > 0 ? fmt::format("line {}: ", line) : "", cable.id, with_unit(tension, "N"), strain,
+        with_unit(softest, "Pa")));
+  }
+  return found;
+}
+
+Sentences strange_spools(const Look& look) {
+  Sentences found;
+  for (const CableSettings& cable : look.experiment.cables.cables) {
+    if (cable.spool > 0 && (cable.spool > 1 || cable.spool < 5e-4))
+      found.push_back(fmt::format("cable '{}': a spool of radius {} is none of a bench: is its unit right?", cable.id,
+                                  with_unit(cable.spool, "m")));
+  }
+  return found;
+}
+
+/// Rows of eyelets that bend nothing, are given in another unit, or are there twice.
+Sentences strange_eyelets(const Look& look) {
+  Sentences found;
+  const auto& cables = look.experiment.cables.cables;
+  for (size_t c = 0; c < cables.size(); ++c) {
+    if (!cables[c].line) continue;
+    const EyeletLine& line = *cables[c].line;
+    if (line.offset == 0 && line.end_offset == 0)
+      found.push_back(fmt::format("cable '{}' runs on the axis of the body, which it cannot bend: give its 'offset'",
+                                  cables[c].id));
+    if (std::abs(line.angle) > 2 * M_PI)
+      found.push_back(
+          fmt::format("cable '{}': its angle is {:.4g} turns: deg for rad?", cables[c].id, line.angle / (2 * M_PI)));
+    for (size_t d = 0; d < c; ++d) {
+      if (!cables[d].line) continue;
+      const EyeletLine& other = *cables[d].line;
+      if (std::tie(line.start, line.end, line.offset, line.end_offset, line.angle) ==
+          std::tie(other.start, other.end, other.offset, other.end_offset, other.angle))
+        found.push_back(fmt::format("cables '{}' and '{}' have one row of eyelets: give one of them its own 'angle'",
+                                    cables[d].id, cables[c].id));
+    }
   }
   return found;
 }
@@ -258,6 +330,9 @@ std::vector<Implausible> implausible_settings() {
           {"a tolerance as large as its value", wide_tolerances},
           {"a reference outside the bounds", references_out_of_bounds},
           {"a marker far from the specimen", distant_markers},
+          {"a tension beyond the body", crushing_tensions},
+          {"a spool of no bench", strange_spools},
+          {"eyelets that bend nothing or stand twice", strange_eyelets},
           {"loads beyond any strength", crushing_loads}};
 }
 

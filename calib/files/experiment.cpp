@@ -93,7 +93,7 @@ struct Drive {
   double tension = 0, spool = 0;
 };
 
-Drive read_drive(TableReader& table, Experiment& experiment) {
+Drive read_drive(TableReader& table, Experiment& experiment, std::optional<double> common_spool = {}) {
   Drive drive;
   CablesSettings& cables = experiment.cables;
   if (table.has("retraction") && table.has("tension"))
@@ -118,8 +118,10 @@ Drive read_drive(TableReader& table, Experiment& experiment) {
     drive.control = cable_control(table, "tension", either, experiment, cables.tension_columns);
     quantity = column_unit(experiment, given, either, table.where("tension")).quantity;
   }
+  if (quantity == Quantity::torque && !table.has("spool") && !common_spool)
+    table.fail("tension", "a torque pulls by a spool; add its radius, for example spool = \"30 mm\"");
   if (quantity == Quantity::torque)
-    drive.spool = table.positive("spool", Quantity::length, "radius of the spool");
+    drive.spool = table.has("spool") ? table.positive("spool", Quantity::length, "radius of the spool") : *common_spool;
   else if (table.has("spool"))
     table.fail("spool", "the tension is a force already; leave 'spool' out, or give a torque (Nm)");
   if (drive.spool > 0) drive.tension /= drive.spool;
@@ -175,7 +177,9 @@ void read_cables(TableReader table, Experiment& experiment) {
   if (table.has("k") || table.has("EA")) read_cable_law(table, cables, true);
   const std::vector<std::string> own =
       geometry.shape->defaults().cables ? geometry.shape->cable_names() : std::vector<std::string>{};
-  const Drive common = read_drive(table, experiment);
+  std::optional<double> spool;  // of all whose tension is a torque
+  if (!table.has("tension")) spool = table.optional_positive("spool", Quantity::length, "radius of the spool");
+  const Drive common = spool ? Drive{} : read_drive(table, experiment);
   const bool along = table.has("along") || table.has("offset");
   if (along) cables.line = read_eyelets(table, geometry, {});
   const auto add_own = [&](const std::string& id) -> CableSettings& {
@@ -190,13 +194,16 @@ void read_cables(TableReader table, Experiment& experiment) {
       if (other.id == id) one.fail("id", fmt::format("the cable '{}' is there already; choose another id", id));
     }
     const bool driven = one.has("retraction") || one.has("tension") || one.has("spool");
-    const Drive drive = driven ? read_drive(one, experiment) : common;
+    const Drive drive = driven ? read_drive(one, experiment, spool) : common;
     CableSettings* cable = nullptr;
     if (along || one.has("along") || one.has("offset")) {
       cable = &cables.cables.emplace_back();
       cable->id = id;
       cable->line = read_eyelets(one, geometry, cables.line.value_or(EyeletLine{}));
       cable->start_fixed = false;
+      for (const char* key : {"along", "offset", "angle"}) {
+        if (one.has(key) || !cables.line) cable->own_line.emplace_back(key);
+      }
     } else if (!own.empty() && !one.has("x")) {
       if (std::find(own.begin(), own.end(), id) == own.end())
         one.fail("id", fmt::format("'{}' has no points; the module's own cables are {}, others need x and y", id,
@@ -229,6 +236,15 @@ void read_cables(TableReader table, Experiment& experiment) {
   if (cables.cables.empty()) table.fail("", "there is no cable; add [[cables.cable]] with id, x and y");
   const bool elastic =
       std::ranges::any_of(cables.cables, [](const CableSettings& cable) { return !cable.held && !cable.own; });
+  const bool held = std::ranges::any_of(cables.cables, &CableSettings::held);
+  if (elastic && held && !cables.k && !cables.EA) {
+    const auto other =
+        std::ranges::find_if(cables.cables, [](const CableSettings& cable) { return !cable.held && !cable.own; });
+    table.fail("",
+               fmt::format("cable '{}' has no 'tension', so that it is elastic; give that, or k (the stiffness of a "
+                           "whole cable, \"20 kN/m\")",
+                           other->id));
+  }
   if (elastic && !cables.k && !cables.EA) read_cable_law(table, cables, true);  // says what is missing
   if (!elastic && (cables.k || cables.EA))
     table.fail(cables.k ? "k" : "EA", "no cable is governed by it: each is held at a tension or has a k of its own");
@@ -291,6 +307,8 @@ void read_fit(TableReader table, Experiment& experiment) {
   for (TableReader& one : table.tables("variant")) {
     VariantSettings& variant = experiment.variants.emplace_back();
     variant.name = one.text("name");
+    if (std::ranges::count(experiment.variants, variant.name, &VariantSettings::name) > 1)
+      one.fail("name", fmt::format("the variant '{}' is there already; choose another name", variant.name));
     variant.mesh = experiment.mesh;
     if (kind.read_variant != nullptr)
       kind.read_variant(one, experiment, variant);
@@ -304,6 +322,8 @@ void read_fit(TableReader table, Experiment& experiment) {
       for (const std::string& id : one.texts_or_none("free")) {
         if (std::ranges::find(experiment.free, id, &FreeSettings::id) != experiment.free.end())
           one.fail("free", fmt::format("'{}' is free in every fit; name further parameters", id));
+        if (std::ranges::find(variant.free, id, &FreeSettings::id) != variant.free.end())
+          one.fail("free", fmt::format("'{}' stands twice; name it once", id));
         variant.free.push_back({id, {}, {}, {}});
       }
     }

@@ -536,7 +536,8 @@ class Fit {
     estimate.verdict = verdict_of(spread);
     estimate.standard_error =
         deviations_[j] < 10 * ranges_[j] ? deviations_[j] * evaluator_.scale(j).slope(estimate.value) : not_a_number;
-    if (estimate.verdict == Verdict::well_determined && estimate.standard_error > std::abs(estimate.value))
+    if (estimate.verdict == Verdict::well_determined && !estimate.spec.may_be_zero &&
+        estimate.standard_error > std::abs(estimate.value))
       estimate.verdict = Verdict::weakly_determined;
     find_interval(j, estimate);
     const bool determined =

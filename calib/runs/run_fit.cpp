@@ -421,10 +421,11 @@ class Run {
         const FitResult result = fit_logged(*bench, free, name, name, how);
         if (stopped()) return;
         record_.variants.push_back(as_variant(settings.name, *bench, result, record_.fit, watch.seconds()));
+        if (bench_.experiment().model == Rung::rod) record_.variants.back().law = settings.law;
         if (bench->draws_variants() && result.status == FitStatus::converged)
           add_curves(*bench, result, free, "curves of " + settings.name);
       } catch (const InputError& error) {  // a mesh that cannot be made, say: that variant's status
-        const std::string model = settings.law.empty() ? settings.mesh.describe() : settings.law;
+        const std::string model = settings.law.empty() ? bench_.model_text() : settings.law;
         record_.variants.push_back({settings.name, model, 0, error.what(), {}, {}, 0, watch.seconds()});
       }
     });

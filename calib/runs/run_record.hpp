@@ -65,8 +65,11 @@ struct VariantRecord {
   std::vector<double> values, standard_errors;  ///< per free parameter, SI
   double chi_squared = 0, seconds = 0;
   std::vector<FurtherRecord> further = {};
+  std::string law = {};                    ///< of a rod's sections, where that is what was changed
   std::vector<MarkerMisfit> markers = {};  ///< of benches with markers; the last one, "all", of all together
 
+  /// Whether it is another model of the same mesh: what it buys is compared, not what a mesh does.
+  bool other_model() const { return !further.empty() || !law.empty(); }
   /// Akaike's criterion up to a constant, for known sigmas: chi squared + 2 (free parameters).
   double aic() const { return chi_squared + 2 * static_cast<double>(values.size() + further.size()); }
 };

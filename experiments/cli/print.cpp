@@ -134,9 +134,10 @@ void print_variant(const RunRecord& record, const VariantRecord& variant) {
   }
   if (over_strain(record) && !values.empty())
     values += fmt::format("; chi squared {:.4g} of {} readings", variant.chi_squared, variant.unknowns);
-  if (!variant.further.empty()) {
+  if (variant.other_model()) {
     fmt::print("variant {:<22} chi squared {:.4g}, AIC {:+.1f}; {}; {}\n", variant.name, variant.chi_squared,
-               variant.aic() - record.main.aic(), values, further_text(variant));
+               variant.aic() - record.main.aic(), values,
+               variant.law.empty() ? further_text(variant) : variant.law + " sections");
     print_markers(variant);
     return;
   }

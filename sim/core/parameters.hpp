@@ -18,6 +18,7 @@ struct ParameterSpec {
   std::string meaning;                                      ///< one phrase for a person
   bool logarithmic =
       false;  ///< a modulus or stiffness: positive, known by its order of magnitude, fitted as its logarithm
+  bool may_be_zero = false;  ///< an angle or a shift: zero is a value like any other, and no sign of knowing it badly
 };
 
 /// Values of all parameters of a model, in the order of their table, SI units. Shape: (table.size()).

@@ -65,7 +65,8 @@ AxisMarker axis_marker(const ChannelParts& of) {
   const int d = static_cast<int>(axis.origin.size());
   if (d != mesh.dimension())
     throw InputError("a marker on the axis is for a plane or a whole body, not for half of a solid; give its 'point'");
-  if (!(*channel.foot >= 0 && *channel.foot <= axis.length)) {
+  // A little beyond the end is where a foot at the end is while the body is made shorter.
+  if (!(*channel.foot >= 0 && *channel.foot <= (1 + 1e-6) * axis.length)) {
     throw InputError(fmt::format("a marker's foot is {} along the axis, which goes from 0 to {}; put it there",
                                  in_mm(*channel.foot), in_mm(axis.length)));
   }

@@ -72,6 +72,7 @@ struct CableSettings {
   std::string path;                            ///< one of those that the body's geometry brings along, or
   std::vector<std::vector<double>> points;     ///< rest positions along it, in the body's own frame [m], or
   std::optional<EyeletLine> line;              ///< a row of eyelets; its ends are in the material
+  std::vector<std::string> own_line = {};      ///< keys of the line that are its own, not shared by all
   bool start_fixed = true, end_fixed = false;  ///< ends that are fixed in space, not in the material
   std::string control;                         ///< id of the control that retracts or pulls it; "": none
   std::optional<CableLaw> own;                 ///< with parameters "k_<id>" and "slack_<id>"; none: the shared law

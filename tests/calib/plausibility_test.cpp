@@ -45,6 +45,9 @@ Input module() {
 Input block() {
   return shipped("silicone_block", "silicone_block/static_tip_displacement.csv");
 }
+Input arm() {
+  return shipped("tentacle", "tentacle/bench.csv");
+}
 Input point() {
   return shipped("foam_point", "foam_curves/bench.csv");
 }
@@ -304,6 +307,22 @@ const std::vector<Case>& cases() {
        beam,
        in_file("thickness = \"30 mm\"", "thickness = \"30 m\""),
        {"thickness = 30 m on a section of 62.65 mm"}},
+      {"a tension beyond the body",
+       arm,
+       both(in_file("E = \"505 kPa\"", "E = \"505 Pa\""), in_file("lower = \"50 kPa\"", "lower = \"50 Pa\"")),
+       {"cable 'tendon_1' pulls with", "is its unit right"}},
+      {"a spool of no bench",
+       arm,
+       [](Input& input) {
+         input.csv = replaced(input.csv, "tension_1_N,", "tension_1_Nm,");
+         input.toml =
+             replaced(input.toml, "tension = \"tension_1_N\"", "tension = \"tension_1_Nm\"\nspool = \"32.5 m\"");
+       },
+       {"a spool of radius 32.5 m"}},
+      {"eyelets that bend nothing or stand twice",
+       arm,
+       in_file("angle = \"-60 deg\"", "angle = \"60 deg\""),
+       {"'tendon_1' and 'tendon_2' have one row of eyelets"}},
       {"a tolerance as large as its value",
        module,
        in_file("\"17.0 mm\"", "\"17.0 mm +- 100 mm\""),
@@ -430,7 +449,7 @@ TEST(Plausibility, EveryKindHasItsCase) {
 }
 
 TEST(Plausibility, NothingIsSaidOfTheBasesAndTheShippedBenches) {
-  for (const auto& base : {beam, module, block, point, swing})
+  for (const auto& base : {beam, module, block, arm, point, swing})
     EXPECT_TRUE(found_in(base()).empty()) << base().toml << listed(found_in(base()));
   int benches = 0;
   for (const fs::directory_entry& entry : fs::recursive_directory_iterator(TAUT_SOURCE_DIR "/experiments")) {

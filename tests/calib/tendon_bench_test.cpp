@@ -1,5 +1,8 @@
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
+#include "calib/benches/assumptions.hpp"
 #include "calib/runs/open_bench.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/static_bench.hpp"
@@ -97,12 +100,38 @@ TEST_F(TendonBench, ATurnedBaseTurnsWhatIsWithoutWeight) {
   }
 }
 
+// What an independent rod found in the same readings (data/tentacle/README.md): E and density with their errors, and
+// how far it stays from the measured places.
+TEST_F(TendonBench, TheMeasuredArmHasTheModulusAndDensityThatAnIndependentRodFinds) {
+  const std::unique_ptr<Bench> bench = open_bench(TAUT_SOURCE_DIR "/experiments/tentacle/experiment.toml");
+  const FitResult result = fit(bench->protocol(), bench->measurements(), bench->free());
+  ASSERT_EQ(result.status, FitStatus::converged);
+  EXPECT_NEAR(result.parameters[0].value, 376.7e3, 15e3);
+  EXPECT_NEAR(result.parameters[1].value, 1136, 90);
+  double squares = 0;
+  for (const BenchReading& reading : bench->readings())
+    squares += std::pow(result.predicted[reading.row] - reading.value, 2);
+  EXPECT_LT(std::sqrt(squares / 64), 13e-3);
+  // Statics know forces up to a common factor only.
+  for (const VariantSettings& variant : bench->experiment().variants) {
+    if (variant.free.size() != 1 || variant.free.front().id != "tension_scale") continue;
+    const std::unique_ptr<Bench> scaled = bench->with(variant);
+    FitOptions how;
+    how.profiles = how.recover = false;
+    const FitResult of_scaled = fit(scaled->protocol(), scaled->measurements(), scaled->starts_after(result), how);
+    ASSERT_EQ(of_scaled.parameters.size(), 3u);
+    for (const ParameterEstimate& e : of_scaled.parameters) EXPECT_EQ(e.verdict, Verdict::tied) << e.spec.id;
+    return;
+  }
+  ADD_FAILURE() << "no variant frees the factor of all tensions";
+}
+
 TEST_F(TendonBench, DrivesThatContradictThemselvesAreRefused) {
   refuses("tension = \"left_N\"", "tension = \"left_N\"\nretraction = \"left_mm\"",
           {"[cables.cable] tension", "by its retraction or by its tension"});
   refuses("tension = \"left_N\"", "tension = \"-5 N\"", {"[cables.cable] tension", "cannot push"});
   refuses("tension = \"left_N\"", "tension = \"5 mm\"", {"[cables.cable] tension", "neither a force", "nor a torque"});
-  refuses("tension = \"left_N\"", "tension = \"0.2 Nm\"", {"[cables.cable]", "spool"});
+  refuses("tension = \"left_N\"", "tension = \"0.2 Nm\"", {"[cables.cable] tension", "a torque pulls by a spool"});
   refuses("tension = \"left_N\"", "tension = \"left_N\"\nspool = \"30 mm\"", {"spool", "a force already"});
   refuses("tension = \"left_N\"", "spool = \"30 mm\"", {"spool", "add 'tension'"});
   refuses("tension = \"left_N\"", "tension = \"left_N\"\nk = \"2 kN/m\"", {"[cables.cable] k", "has no law"});
@@ -111,7 +140,43 @@ TEST_F(TendonBench, DrivesThatContradictThemselvesAreRefused) {
   refuses("pieces = 8", "pieces = 8\ntension = \"all_N\"", {"[cables] tension", "every cable has a drive of its own"});
   refuses("tension = \"right_N\"", "tension = \"left_mN\"",
           {"'left_N' and 'left_mN' are the same tension in two units"});
-  refuses("tension = \"right_N\"", "retraction = \"right_mm\"", {"[cables]", "give either k"});
+  refuses("tension = \"right_N\"", "retraction = \"right_mm\"", {"[cables]", "cable 'right' has no 'tension'"});
+}
+
+TEST_F(TendonBench, WhatStandsWithACableIsItsOwnWhateverItsValue) {
+  const std::string own = replaced(tendons_toml, "id = \"left\"\n", "id = \"left\"\noffset = [\"5 mm\", \"2 mm\"]\n");
+  std::vector<std::string> ids;
+  for (const Dimension& dimension : dimensions_of(open(own)->experiment())) ids.push_back(dimension.spec.id);
+  for (const char* id : {"offset_left", "end_offset_left", "cable_offset", "cable_end_offset", "angle_right"})
+    EXPECT_EQ(std::ranges::count(ids, id), 1) << id;
+  EXPECT_EQ(std::ranges::count(ids, "offset_right"), 0);
+  const std::unique_ptr<Bench> bench = open(own);
+  Experiment changed = bench->experiment();
+  for (const Dimension& dimension : dimensions_of(changed)) {
+    if (dimension.spec.id == "cable_offset") dimension.set(changed, 0.004);
+  }
+  EXPECT_EQ(changed.cables.cables[0].line->offset, 0.005);  // its own stays
+  EXPECT_EQ(changed.cables.cables[1].line->offset, 0.004);
+}
+
+TEST_F(TendonBench, AVariantForgetsTheTolerancesOfWhatItFrees) {
+  const std::unique_ptr<Bench> bench =
+      open(replaced(tendons_toml, "standoff = \"12 mm\"", "standoff = \"12 mm +- 0.5 mm\"") +
+           "\n[[fit.variant]]\nname = \"stand-off\"\nfree = [\"standoff_side\"]\n");
+  const std::unique_ptr<Bench> variant = bench->with(bench->experiment().variants.front());
+  EXPECT_EQ(variant->free().size(), bench->free().size() + 1);
+}
+
+TEST_F(TendonBench, AFootAtTheEndOfABoxStaysThereWhileTheBoxIsMadeShorter) {
+  const std::string box =
+      replaced(replaced(replaced(tendons_toml, "model = \"rod\"\nrod_section = \"linear\"\n", ""),
+                        "kind = \"revolved\"\naxis = \"-z\"\ns = [\"0 mm\", \"100 mm\"]\nradius = [\"8 mm\", \"6 mm\"]",
+                        "kind = \"box\"\nsize = [\"100 mm\", \"12 mm\", \"12 mm\"]"),
+               "layers = 10\nrings = 1", "cells = [6, 1, 1]");
+  const std::unique_ptr<Bench> bench = open(replaced(box, "on = \"base\"", "on = \"xmin\""));
+  const DimensionedModel model = bench->with_dimensions();
+  const int size = model.protocol->parameters().index("size_x");
+  EXPECT_TRUE(model.protocol->predict(model.protocol->nominal(), {size}).complete());
 }
 
 TEST_F(TendonBench, EyeletsAndMarkersThatAreNotOnTheBodyAreRefused) {
