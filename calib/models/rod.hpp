@@ -115,13 +115,15 @@ class Rod {
   /// What acts and resists, as one vector: E [Pa], nu, weight (density times gravity) [N/m3], tensions [N], forces [N].
   enum Value : Eigen::Index { youngs, poisson, weight, first_tension };
   using Values = Eigen::VectorXd;  ///< in that order
+  /// The place of the first force among the values.
   Eigen::Index first_force() const { return first_tension + static_cast<Eigen::Index>(shape_.tendons.size()); }
+  /// How many values there are.
   Eigen::Index value_count() const { return first_force() + static_cast<Eigen::Index>(shape_.forces.size()); }
   Eigen::Index unknowns() const { return 6 * elements(); }  ///< six of each node but the clamped one
 
-  int elements() const { return static_cast<int>(sections_.size()); }
-  const RodShape& shape() const { return shape_; }
-  RodState rest() const;  ///< straight, without strain
+  int elements() const { return static_cast<int>(sections_.size()); }  ///< all along the rod
+  const RodShape& shape() const { return shape_; }                     ///< as it was given
+  RodState rest() const;                                               ///< straight, without strain
 
   /// Pi(x; values) [J], +inf where a fibre is crushed to nothing.
   double energy(const RodState& x, const Values& values) const;
@@ -142,7 +144,7 @@ class Rod {
   RodReading position(const RodState& x, const RodPoint& point) const;
   /// The turn of the last section from rest; the unknowns 4 to 6 of the last node are small turns behind it.
   Eigen::Matrix3d end_rotation(const RodState& x) const;
-  RodStrains strains(const RodState& x) const;
+  RodStrains strains(const RodState& x) const;  ///< the largest of all elements
 
  private:
   struct Sums;

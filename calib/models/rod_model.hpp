@@ -52,7 +52,7 @@ class RodProtocol final : public Protocol {
   /// Displacements of a mesh of the body [m] at these controls, as the last prediction has them: sections stay plane.
   /// Empty: it had none such.
   Eigen::VectorXd displacements(const Mesh& mesh, const std::vector<double>& controls) const;
-  int elements() const;
+  int elements() const;  ///< all along the rod
   int unknowns() const;  ///< six per element
 
  private:

@@ -18,10 +18,10 @@ struct Revolved final : ShapeOf<Revolved, 3> {
   std::string along = "x";          ///< "-x": towards smaller x
   std::string region;
 
-  double length() const { return s.values.back(); }  ///< [m]
-  bool hollow() const { return !bore.values.empty(); }
-  double radius_at(double at) const;  ///< at arc length `at` [m]
-  double bore_at(double at) const;    ///< 0: the body is solid
+  double length() const { return s.values.back(); }     ///< [m]
+  bool hollow() const { return !bore.values.empty(); }  ///< has a bore
+  double radius_at(double at) const;                    ///< at arc length `at` [m]
+  double bore_at(double at) const;                      ///< 0: the body is solid
 
   std::vector<ShapeKey> keys() override;
   void check() const override;
