@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "calib/benches/section_law.hpp"
 #include "calib/data/trials.hpp"
 #include "sim/files/toml_reader.hpp"
 #include "sim/scene/setup.hpp"
@@ -64,9 +65,7 @@ enum class Rung {
   automatic        ///< the first of these that is good enough, row by row
 };
 
-/// What a section of a rod resists stretching and bending with; see calib/models/rod.hpp.
-enum class SectionLaw { linear, neo_hookean };
-/// Both with their names in files; the first is that of files that name none.
+/// Both laws of a rod's sections with their names in files; the first is that of files that name none.
 const std::vector<std::pair<std::string, SectionLaw>>& section_laws();
 
 /// All with their names as experiment files spell them; the first is that of files that name none.

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "calib/benches/experiment.hpp"
+#include "calib/benches/section_law.hpp"
 #include "sim/shapes/axis.hpp"
 
 namespace taut {
