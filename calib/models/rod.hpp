@@ -56,6 +56,7 @@ struct RodReading {
 
   /// Its derivative where the unknowns change like columns of `dx`.
   Eigen::MatrixXd change(const Eigen::MatrixXd& dx) const {
+    if (dx.cols() == 0) return Eigen::MatrixXd(3, 0);  // nothing is free; of no columns there are no rows either
     if (node == 0) return slopes.rightCols<6>() * dx.topRows<6>();  // the clamped node has none
     return slopes * dx.middleRows<12>(6 * (node - 1));
   }

@@ -77,7 +77,8 @@ RowReading reading_of(const PlacedRod& placed, const RodChannel& channel, const 
     reading.value = reading.moved = std::atan2(s, c);
     const Vector3d by_turn =
         (c * (R.trace() * channel.direction - R * channel.direction) + s * axial) / (c * c + s * s);
-    reading.slopes = placed.handedness() * by_turn.transpose() * placed.frame * dx.bottomRows<3>();
+    reading.slopes = Eigen::RowVectorXd::Zero(dx.cols());
+    if (dx.cols() > 0) reading.slopes = placed.handedness() * by_turn.transpose() * placed.frame * dx.bottomRows<3>();
     return reading;
   }
   const RodReading position = placed.rod.position(x, channel.at);
