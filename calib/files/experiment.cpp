@@ -246,6 +246,14 @@ void read_cables(TableReader table, Experiment& experiment) {
                            other->id));
   }
   if (elastic && !cables.k && !cables.EA) read_cable_law(table, cables, true);  // says what is missing
+  if (table.has("friction")) {
+    cables.friction = table.quantity("friction", Quantity::pure);
+    if (!(cables.friction >= 0 && cables.friction <= 2))
+      table.fail("friction", "a coefficient of friction from 0 (none) to 2 belongs here");
+    if (std::ranges::none_of(cables.cables, &CableSettings::held))
+      table.fail("friction",
+                 "it is that of cables whose tension is held, and none is; give them a 'tension', or leave it out");
+  }
   if (!elastic && (cables.k || cables.EA))
     table.fail(cables.k ? "k" : "EA", "no cable is governed by it: each is held at a tension or has a k of its own");
   table.finish();
@@ -384,6 +392,16 @@ void refuse_without_effect(const Experiment& experiment) {
   if (gap && !experiment.contact.on)
     throw InputError(
         fmt::format("{}: contact_gap has no effect without contact; add [contact] or remove it", experiment.path));
+  const auto frees_friction = [](const std::vector<FreeSettings>& free) {
+    return std::ranges::find(free, "cable_friction", &FreeSettings::id) != free.end();
+  };
+  const bool friction = experiment.cables.friction != 0 || frees_friction(experiment.free) ||
+                        std::ranges::any_of(experiment.variants, frees_friction, &VariantSettings::free);
+  if (friction && experiment.model != Rung::rod)
+    throw InputError(fmt::format(
+        "{}: [cables] friction: the model \"{}\" has no friction of cables, so it would have no effect; set "
+        "model = \"rod\", or leave 'friction' and the free parameter 'cable_friction' out",
+        experiment.path, name_of(experiment.model)));
   const bool zero = std::any_of(experiment.free.begin(), experiment.free.end(),
                                 [](const FreeSettings& free) { return free.id.starts_with("zero_"); });
   if (!experiment.zero_offset_per.empty() && !zero) {

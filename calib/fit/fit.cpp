@@ -508,13 +508,17 @@ class Fit {
     return {std::min(own, estimate.upper - estimate.lower), "what would double the readings"};
   }
 
+  bool at_bound(Eigen::Index j) const { return evaluator_.scale(j).room(best_.q[j]) < 1e-6 * ranges_[j]; }
+  bool at_upper(Eigen::Index j) const {
+    const Scale& scale = evaluator_.scale(j);
+    return scale.upper - best_.q[j] < best_.q[j] - scale.lower;
+  }
+
   /// Whether chi squared would fall by more than the noise's one if the parameter might leave the bound that it is at.
   bool held_by_bound(Eigen::Index j) const {
-    const Scale& scale = evaluator_.scale(j);
-    if (scale.room(best_.q[j]) >= 1e-6 * ranges_[j]) return false;
-    const bool at_upper = scale.upper - best_.q[j] < best_.q[j] - scale.lower;
+    if (!at_bound(j)) return false;
     const double downhill = -jacobian_.col(j).dot(last_.residuals());
-    return downhill * (at_upper ? 1 : -1) > jacobian_.col(j).norm();
+    return downhill * (at_upper(j) ? 1 : -1) > jacobian_.col(j).norm();
   }
 
   /// Whether the model misses the readings and pushes a parameter against its bound to miss them less. Intervals of the
@@ -624,6 +628,10 @@ class Fit {
       std::ranges::sort(estimate.profile);
     }
     if (doubtful) {
+      // What is nothing, and may not be less, cannot be compared with itself; the parabola says how much it may be.
+      const double other_end = best_.q[j] + (at_upper(j) ? -reach : reach);
+      if (!profiles && estimate.verdict == Verdict::invisible && at_bound(j) && other_end == scale.clamped(other_end))
+        (at_upper(j) ? low : high) = other_end;
       if (estimate.verdict != Verdict::well_determined && low.has_value() != high.has_value())
         estimate.verdict = Verdict::bounded_from_one_side;
       if (estimate.verdict == Verdict::invisible && low && high) estimate.verdict = Verdict::weakly_determined;

@@ -17,7 +17,8 @@ struct RodPoint {
   Eigen::Vector3d offset = Eigen::Vector3d::Zero();  ///< from its centre, along its directions d1, d2, d3 [m]
 };
 
-/// A tendon that runs without friction through eyelets all along the rod, and is held by it at its end.
+/// A tendon that runs through eyelets all along the rod from its start, where it is pulled, to its end, where the rod
+/// holds it.
 struct RodTendon {
   double start = 0, end = 0;                        ///< arc lengths [m]
   std::function<Eigen::Vector2d(double s)> eyelet;  ///< offset along d1 and d2 [m], also a little beyond the ends
@@ -46,6 +47,7 @@ struct RodShape {
 struct RodState {
   std::vector<Eigen::Vector3d> r;
   std::vector<Eigen::Vector4d> q;
+  Eigen::VectorXd left = {};  ///< what friction leaves of the tension, per piece of tendon; empty: all of it
 };
 
 /// A point of a state [m], with derivatives by the six unknowns of the node before it and of the one after.
@@ -92,6 +94,16 @@ struct RodStretching {
 ///
 /// weight and dead forces what points of the sections that they act on move by.
 ///
+/// Where tendons rub with a coefficient mu (capstan), the tension falls from where they are pulled,
+///
+///   T(s) = T_0 exp(-mu beta(s)),
+///
+/// beta the angle by which the tendon's path has turned until s: a sum over the angles between neighbouring elements.
+/// All tensions grow from rest and every tendon slips towards its pull: this is the branch of loading; unloading,
+/// sticking, and a tendon that others pull out are not in it. The equilibrium is that of the energy with these tensions
+/// held, such that it leaves them as they are; derivatives are those of both together. With mu = 0 none of this is
+/// computed.
+///
 /// Strains are constant along an element of length l between nodes with positions r and rotations R:
 ///
 ///   v = R_m^T (r_b - r_a)/l,   k = log(R_a^T R_b)/l,   R_m half way between R_a and R_b,
@@ -100,7 +112,7 @@ struct RodStretching {
 /// translations and turns behind R, R exp(turn). Derivatives are exact, the Hessian is block-tridiagonal. An element
 /// whose ends turn by more than 150 degrees against each other is taken for a failure.
 ///
-/// Not in it: contact, friction of tendons, inertia, sections that warp or become oval.
+/// Not in it: contact, inertia, sections that warp or become oval.
 ///
 /// Sources: J. C. Simo, A finite strain beam formulation, Comput. Methods Appl. Mech. Engrg. 49 (1985) 55-70; H. Lang,
 /// J. Linn and M. Arnold, Multi-body dynamics simulation of geometrically exact Cosserat rods, Multibody Syst. Dyn. 25
@@ -113,29 +125,34 @@ class Rod {
   /// Throws InputError for a rod without length, nodes that do not ascend, or a section without area.
   explicit Rod(RodShape shape);
 
-  /// What acts and resists, as one vector: E [Pa], nu, weight (density times gravity) [N/m3], tensions [N], forces [N].
+  /// What acts and resists, as one vector: E [Pa], nu, weight (density times gravity) [N/m3], tensions where tendons
+  /// are pulled [N], forces [N], the tendons' friction [-].
   enum Value : Eigen::Index { youngs, poisson, weight, first_tension };
   using Values = Eigen::VectorXd;  ///< in that order
   /// The place of the first force among the values.
   Eigen::Index first_force() const { return first_tension + static_cast<Eigen::Index>(shape_.tendons.size()); }
+  /// The place of the tendons' friction among the values.
+  Eigen::Index friction() const { return first_force() + static_cast<Eigen::Index>(shape_.forces.size()); }
   /// How many values there are.
-  Eigen::Index value_count() const { return first_force() + static_cast<Eigen::Index>(shape_.forces.size()); }
+  Eigen::Index value_count() const { return friction() + 1; }
   Eigen::Index unknowns() const { return 6 * elements(); }  ///< six of each node but the clamped one
 
   int elements() const { return static_cast<int>(sections_.size()); }  ///< all along the rod
   const RodShape& shape() const { return shape_; }                     ///< as it was given
   RodState rest() const;                                               ///< straight, without strain
 
-  /// Pi(x; values) [J], +inf where a fibre is crushed to nothing.
+  /// Pi(x; values) [J] with the tensions that `x` has left, +inf where a fibre is crushed to nothing.
   double energy(const RodState& x, const Values& values) const;
-  Eigen::VectorXd gradient(const RodState& x, const Values& values) const;  ///< [N], [N m]
-  /// d gradient / d values at a fixed state, a column each.
-  Eigen::MatrixXd gradient_by_values(const RodState& x, const Values& values) const;
-  /// H^-1 B with the Hessian at an equilibrium; nothing where that is not stable.
+  /// [N], [N m], with the tensions that friction leaves at this state.
+  Eigen::VectorXd gradient(const RodState& x, const Values& values) const;
+  /// d gradient / d values at a fixed equilibrium, a column each; that of the friction is empty unless asked for.
+  Eigen::MatrixXd gradient_by_values(const RodState& x, const Values& values, bool by_friction = false) const;
+  /// J^-1 B at an equilibrium, J the derivative of the gradient: the Hessian, and by how much friction leaves less
+  /// tension where tendons turn more. Nothing where that is not stable with the tensions held.
   std::optional<Eigen::MatrixXd> solve_linear(const RodState& x, const Values& values, const Eigen::MatrixXd& B) const;
 
-  /// Newton's method with a line search, from `x` on, in at most `iterations`. Returns what went wrong, "" for a
-  /// minimum.
+  /// Newton's method with a line search, from `x` on and with the tensions that it has left, in at most `iterations`.
+  /// Returns what went wrong, "" for a minimum.
   std::string solve(RodState& x, const Values& values, int& factorisations, int iterations = 50) const;
   /// The equilibrium that is reached from rest as all that acts grows in proportion: at once where Newton's method
   /// finds it downhill from rest, else in smaller steps.
@@ -146,6 +163,8 @@ class Rod {
   /// The turn of the last section from rest; the unknowns 4 to 6 of the last node are small turns behind it.
   Eigen::Matrix3d end_rotation(const RodState& x) const;
   RodStrains strains(const RodState& x) const;  ///< the largest of all elements
+  /// exp(-mu beta) of each piece of tendon at this state: a tendon's pieces follow each other from its start.
+  Eigen::VectorXd tension_left(const RodState& x, double friction) const;
 
  private:
   struct Sums;
@@ -159,7 +178,7 @@ class Rod {
   struct Piece {
     Eigen::Vector3d eyelet, slope;  ///< in the middle of its part of the element, and by the arc length
     double part;                    ///< of the element
-    Eigen::Index value;
+    Eigen::Index value, index;      ///< its tension; its place among all pieces
   };
   /// In the middle of an element.
   struct Section {
@@ -184,10 +203,20 @@ class Rod {
   RodStretching stretching_of(const Section& section, const Eigen::Vector3d& by, double E, double nu,
                               bool by_poisson) const;
   RodState moved(const RodState& x, const Eigen::VectorXd& step, const Sums& at) const;
+  struct Run;
+  std::vector<Run> runs_of(const RodState& x) const;
+  struct Turning;
+  Turning turning_of(const std::vector<Run>& runs, const Eigen::MatrixXd& dx) const;
+  struct Feedback;
+  Feedback feedback_of(const RodState& x, const Values& values,
+                       const std::function<Eigen::MatrixXd(Eigen::MatrixXd)>& by_hessian) const;
+  Eigen::MatrixXd pulled(const std::vector<Run>& runs, const Values& values, const Eigen::MatrixXd& more) const;
+  std::string settle(RodState& x, const Values& values, int& factorisations) const;
 
   RodShape shape_;
   std::vector<Section> sections_;
   std::vector<Share> shares_;
+  Eigen::Index pieces_ = 0;
 };
 
 }  // namespace taut

@@ -353,6 +353,8 @@ std::vector<Product> products_of(const Experiment& experiment, const BenchModel&
     values.push_back({1, {index(load.control.empty() ? load.id : load.control)}});
     if (load.quantity == Quantity::mass) values.back().factors.push_back(index("g"));
   }
+  const int friction = index("cable_friction");
+  values.push_back(friction < 0 ? Product{} : Product{1, {friction}});
   return values;
 }
 
@@ -408,7 +410,8 @@ Solved RodProtocol::Bench::solve(const Params& p, const std::vector<int>& free, 
     solved.dx = MatrixXd::Zero(rod.unknowns(), 0);
     return solved;
   }
-  MatrixXd gradients = rod.gradient_by_values(solved.x, at) * values_by(p, free);
+  const MatrixXd by = values_by(p, free);
+  MatrixXd gradients = rod.gradient_by_values(solved.x, at, !by.row(rod.friction()).isZero()) * by;
   for (size_t c = 0; c < free.size(); ++c) {
     if (free[c] < own()) continue;
     const size_t dimension = static_cast<size_t>(free[c] - own());

@@ -15,7 +15,7 @@ namespace taut {
 ///   * a geometry with a round or rectangular section along a straight axis (revolved, box) in any pose, of one
 ///   material;
 ///   * forces and hung masses on the end face or at a point, which move with the section there;
-///   * cables along the axis with held tensions, as if they had eyelets everywhere;
+///   * cables along the axis with held tensions, as if they had eyelets everywhere, where they may rub;
 ///   * displacements and positions of markers, of points and of the middle of the end face, and that face's rotation.
 ///
 /// The section's law is experiment.rod_section: neo_hookean (of a neo_hookean material) or linear.

@@ -295,9 +295,12 @@ class Assembler {
       if (cable.spool > 0) made.per_control = 1 / cable.spool;
     }
     const ParameterTable& parameters = builder_.parameters();
-    made.tension_scale = parameters.contains("tension_scale")
-                             ? parameters.index("tension_scale")
-                             : builder_.declare({"tension_scale", "c_T", "1", 0, 10, "factor of all held tensions"}, 1);
+    if (!parameters.contains("tension_scale")) {
+      builder_.declare({"tension_scale", "c_T", "1", 0, 10, "factor of all held tensions"}, 1);
+      builder_.declare({"cable_friction", "mu", "1", 0, 2, "friction of cables at their eyelets"},
+                       setup_.cables.friction);
+    }
+    made.tension_scale = parameters.index("tension_scale");
   }
 
   void add_cables() {

@@ -82,8 +82,9 @@ struct CableSettings {
 };
 
 /// All cables, and the law of those that have none of their own: its parameters are "k_cable" and "slack". The
-/// tensions of all that are held are those that were set times "tension_scale".
+/// tensions of all that are held are those that were set times "tension_scale"; "cable_friction" is theirs, too.
 struct CablesSettings : CableLaw {
+  double friction = 0;  ///< coefficient at the eyelets of those that are held; finite elements know none
   std::vector<CableSettings> cables;
   std::map<std::string, std::string> columns;          ///< control id to bench column of the retractions
   std::map<std::string, std::string> tension_columns;  ///< and of the tensions

@@ -264,6 +264,28 @@ TEST(Verdict, NamesAreForPeople) {
 
 // ---- bounds
 
+TEST(Verdict, WhatIsNothingAndMayNotBeLessIsBoundedFromAboveWithProfilesAndWithout) {
+  // y = F (1 + c), c from 0 on, and readings that would have it a quarter of its standard error below.
+  ClosedFormProtocol protocol{{{ParameterSpec{"c", "c", "1", 0, 2, ""}, 0.0}},
+                              [](const Params& p) -> Eigen::VectorXd { return kLoads * (1 + p[0]); },
+                              [](const Params&) -> Eigen::MatrixXd { return kLoads; }};
+  const double error = 1e-2 / kLoads.norm();
+  for (const bool profiles : {true, false}) {
+    FitOptions options;
+    options.profiles = profiles;
+    const FitResult result = fit(protocol, measured(kLoads * (1 - 0.25 * error), 1e-2), {{0, 0, 0, 2}}, options);
+    const ParameterEstimate& c = result.parameters[0];
+    EXPECT_NEAR(c.value, 0, 1e-9);
+    EXPECT_EQ(c.verdict, Verdict::bounded_from_one_side) << profiles << c.explanation;
+    EXPECT_FALSE(c.lower95);
+    ASSERT_TRUE(c.upper95);
+    // Chi squared rises by (c^2 + c error/2)/error^2 from there.
+    const double rise = std::sqrt(kNormal95 * kNormal95 + 0.0625) - 0.25;
+    EXPECT_NEAR(*c.upper95, (profiles ? rise : kNormal95) * error, 0.03 * error);
+    expect_says(c.explanation, {"below", "nothing more"});
+  }
+}
+
 TEST(Fit, AFitThatEndsAtABoundSaysSo) {
   ClosedFormProtocol protocol = compliance();
   const FitResult result = fit(protocol, measured(kLoads / 1000, 1e-6), {{0, 300, 100, 400}});

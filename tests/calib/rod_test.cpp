@@ -3,6 +3,7 @@
 #include <cmath>
 #include <map>
 #include <numbers>
+#include <random>
 
 #include "calib/files/experiment.hpp"
 #include "calib/models/rod_model.hpp"
@@ -28,10 +29,11 @@ std::function<CrossSection(double)> rod_rectangle(double first, double second) {
   return [=](double) { return section; };
 }
 
-/// E, nu, weight, and then as the rod has them.
-Rod::Values rod_values(std::initializer_list<double> values) {
-  Rod::Values all(static_cast<Eigen::Index>(values.size()));
+/// E, nu, weight, and then as the rod has them; friction comes last.
+Rod::Values rod_values(std::initializer_list<double> values, double friction = 0) {
+  Rod::Values all(static_cast<Eigen::Index>(values.size()) + 1);
   std::copy(values.begin(), values.end(), all.begin());
+  all[all.size() - 1] = friction;
   return all;
 }
 
@@ -110,15 +112,20 @@ TEST(Rod, AnEndLoadBendsItAsMattiassonsElastica) {
   }
 }
 
+/// A round rod, and a tendon at a distance from its axis all along it.
+RodShape rod_with_tendon(double length, double distance, int elements = 72) {
+  RodShape shape;
+  shape.length = length;
+  shape.section = rod_circle(8e-3);
+  shape.tendons = {{0, length, [=](double) { return Eigen::Vector2d(0.6 * distance, 0.8 * distance); }}};
+  for (int i = 0; i <= elements; ++i) shape.nodes.push_back(length * i / elements);
+  return shape;
+}
+
 TEST(Rod, ATendonBesideTheAxisMakesAnArcOfACircle) {
   const double L = 0.2, d = 5e-3, E = 1e6;
-  RodShape shape;
-  shape.length = L;
-  shape.section = rod_circle(8e-3);
-  shape.tendons = {{0, L, [=](double) { return Eigen::Vector2d(0.6 * d, 0.8 * d); }}};
-  for (int i = 0; i <= 200; ++i) shape.nodes.push_back(L * i / 200);
-  const Rod rod(shape);
-  const auto [A, I, second, torsion] = shape.section(0);
+  const Rod rod(rod_with_tendon(L, d, 200));
+  const auto [A, I, second, torsion] = rod.shape().section(0);
   for (double T : {1.0, 5.0, 15.0}) {
     // N = -T and M = T d all along: E A (v - 1) = -T, E I k = T d, a circle of radius v/k.
     const double v = 1 - T / (E * A), k = T * d / (E * I);
@@ -130,6 +137,55 @@ TEST(Rod, ATendonBesideTheAxisMakesAnArcOfACircle) {
     EXPECT_NEAR((rod.end_rotation(x).trace() - 1) / 2, std::cos(k * L), 1e-9) << T;
   }
   EXPECT_GT(15.0 * d * L / (E * I), rod_pi / 2) << "it curls beyond a right angle";
+}
+
+double rod_end_turn(const Rod& rod, const RodState& x) {
+  return std::acos((rod.end_rotation(x).trace() - 1) / 2);
+}
+
+TEST(Rod, FrictionLeavesTheTensionOfACapstanAlongAnArc) {
+  const double L = 0.2, d = 5e-3, E = 1e6, mu = 0.2, theta = rod_pi / 3;
+  const Rod rod(rod_with_tendon(L, d));
+  const double T = theta / L * E * rod.shape().section(0).first / d;
+  const RodState x = equilibrium_of(rod, rod_values({E, 0.3, 0, T}));
+  EXPECT_NEAR(rod_end_turn(rod, x), theta, 1e-9);
+  EXPECT_EQ(x.left.size(), 0);
+  const Eigen::VectorXd left = rod.tension_left(x, mu);
+  ASSERT_EQ(left.size(), 72);
+  // In the middles of elements; the last of them is half an element before the end.
+  EXPECT_NEAR(left[71] * std::sqrt(left[71] / left[70]), std::exp(-mu * theta), 1e-9);
+  EXPECT_NEAR(left[71] * std::sqrt(left[71] / left[70]), 0.81104, 5e-6);
+  EXPECT_NEAR(left.mean(), 0.90222, 5e-6);
+  EXPECT_LT((rod.tension_left(x, 0).array() - 1).abs().maxCoeff(), 1e-15);
+}
+
+TEST(Rod, WithFrictionATendonBendsItLessAndLess) {
+  // E I theta' = T_0 d exp(-mu theta), so theta = ln(1 + mu T_0 d s/(E I))/mu, however it shortens.
+  const double L = 0.2, d = 5e-3, E = 1e6;
+  for (double mu : {0.2, 1.0}) {
+    for (double T : {1.0, 5.0, 8.0}) {
+      double error[2];
+      for (int fine = 0; fine < 2; ++fine) {
+        const Rod rod(rod_with_tendon(L, d, fine == 0 ? 72 : 144));
+        const double reach = T * d * L / (E * rod.shape().section(0).first), theta = std::log(1 + mu * reach) / mu;
+        const RodState x = equilibrium_of(rod, rod_values({E, 0.3, 0, T}, mu));
+        error[fine] = std::abs(rod_end_turn(rod, x) / theta - 1);
+        EXPECT_LT(error[fine], 2e-4) << mu << " " << T;
+        EXPECT_LT((x.left - rod.tension_left(x, mu)).cwiseAbs().maxCoeff(), 1e-11);
+        EXPECT_GT(reach - theta, 0.004);
+      }
+      EXPECT_NEAR(error[0] / error[1], 4, 0.3) << mu << " " << T << ": of second order";
+    }
+  }
+}
+
+TEST(Rod, FrictionThatRemovesNearlyAllTensionIsFoundToo) {
+  const double L = 0.2, d = 5e-3, E = 1e6, T = 40, mu = 2;
+  const Rod rod(rod_with_tendon(L, d));
+  const double reach = T * d * L / (E * rod.shape().section(0).first);
+  EXPECT_GT(reach, 12);  // two turns without friction
+  EXPECT_NEAR(rod_end_turn(rod, equilibrium_of(rod, rod_values({E, 0.3, 0, T}, mu))), std::log(1 + mu * reach) / mu,
+              0.01);
 }
 
 TEST(Rod, ATendonThatEndsOnTheWayBendsNoFurther) {
@@ -261,12 +317,13 @@ RodShape rod_with_everything(SectionLaw law, bool round) {
 
 TEST(Rod, GradientsAndSensitivitiesAreThoseOfTheEnergyAndTheState) {
   for (SectionLaw law : {SectionLaw::linear, SectionLaw::neo_hookean}) {
-    for (bool round : {true, false}) {
+    for (const auto& [round, friction] : {std::pair{true, 0.0}, {true, 0.3}, {false, 0.0}, {false, 0.3}}) {
+      SCOPED_TRACE(friction);
       const Rod rod(rod_with_everything(law, round));
-      const Rod::Values values = rod_values({3e5, 0.4, 9e3, 2.5, 1.5, 0.08});
+      const Rod::Values values = rod_values({3e5, 0.4, 9e3, 2.5, 1.5, 0.08}, friction);
       const RodState x = equilibrium_of(rod, values);
       EXPECT_LT(rod.gradient(x, values).cwiseAbs().maxCoeff(), 1e-9);
-      const std::optional<Eigen::MatrixXd> dx = rod.solve_linear(x, values, -rod.gradient_by_values(x, values));
+      const std::optional<Eigen::MatrixXd> dx = rod.solve_linear(x, values, -rod.gradient_by_values(x, values, true));
       ASSERT_TRUE(dx);
       const RodPoint marker{0.271, {0.01, -0.004, 0.002}};
       const RodReading at = rod.position(x, marker);
@@ -278,9 +335,11 @@ TEST(Rod, GradientsAndSensitivitiesAreThoseOfTheEnergyAndTheState) {
               moved[k] += h;
               return (rod.position(equilibrium_of(rod, moved), marker).value - at.value - h * slopes.col(k)).norm();
             },
-            2, 1e-11, 0.1 * values[k], 6, std::to_string(k));
-        EXPECT_GT(slopes.col(k).norm() * std::abs(values[k]), 1e-6) << k;
+            // Without friction by its derivative from the right: there is none below.
+            2, 1e-11, k == rod.friction() ? 0.05 : 0.1 * values[k], 6, std::to_string(k));
+        EXPECT_GT(slopes.col(k).norm() * (k == rod.friction() ? 0.1 : values[k]), 1e-6) << k;
       }
+      if (friction > 0) continue;
       // The gradient in between, by the energy, which is stationary in the state.
       double stored[2];
       for (int side = 0; side < 2; ++side) {
@@ -375,8 +434,10 @@ TEST(RodModel, DerivativesByParametersAndDimensionsAreThoseOfThePrediction) {
   for (ChannelSettings& channel : tentacle.experiment.channels) channel.foot = *channel.foot - 2.3e-3;
   const std::vector<Dimension> dimensions = dimensions_of(tentacle.experiment);
   ASSERT_GT(dimensions.size(), 10u);
-  for (SectionLaw law : {SectionLaw::linear, SectionLaw::neo_hookean}) {
+  for (const auto& [law, friction] :
+       {std::pair{SectionLaw::linear, 0.0}, {SectionLaw::neo_hookean, 0.0}, {SectionLaw::linear, 0.3}}) {
     tentacle.experiment.rod_section = law;
+    tentacle.experiment.cables.friction = friction;
     std::erase_if(tentacle.trials.readings, [&](const Reading& reading) {
       return reading.controls != tentacle.trials.readings.front().controls;
     });
@@ -384,7 +445,7 @@ TEST(RodModel, DerivativesByParametersAndDimensionsAreThoseOfThePrediction) {
     RodProtocol& rod = *bench.protocol;
     const Params p = rod.nominal();
     std::vector<int> free;
-    for (const char* id : {"E_arm", "nu_arm", "density_arm", "g", "tension_scale"})
+    for (const char* id : {"E_arm", "nu_arm", "density_arm", "g", "tension_scale", "cable_friction"})
       free.push_back(rod.parameters().index(id));
     const size_t own = free.size();
     for (const Dimension& dimension : dimensions) free.push_back(rod.parameters().index(dimension.spec.id));
@@ -394,7 +455,10 @@ TEST(RodModel, DerivativesByParametersAndDimensionsAreThoseOfThePrediction) {
       const ParameterSpec& spec = rod.parameters()[free[k]];
       const Eigen::VectorXd slopes = at.derivatives.col(static_cast<Eigen::Index>(k));
       // Dimensions by differences: what is left of those falls no further.
-      const double step = k < own ? 0.04 * p[free[k]] : spec.unit == "rad" ? 0.04 : 4e-4;
+      const double step = spec.id == "cable_friction" ? 0.04
+                          : k < own                   ? 0.04 * p[free[k]]
+                          : spec.unit == "rad"        ? 0.04
+                                                      : 4e-4;
       const auto remainder = [&](double h) {
         Params moved = p;
         moved[free[k]] += h;
@@ -404,6 +468,120 @@ TEST(RodModel, DerivativesByParametersAndDimensionsAreThoseOfThePrediction) {
       expect_taylor_order(remainder, 2, 3e-10, step, 5, spec.id);
     }
   }
+}
+
+TEST(RodModel, FrictionIsFoundWhereTensionsTakenFromTheStateBeforeWouldNotSettle) {
+  // Less tension lets the tip hang, a straighter tendon has more of it: each repetition overshoots by as much.
+  Tentacle tentacle;
+  tentacle.experiment.cables.friction = 0.2;
+  tentacle.experiment.materials[0].constants["E"] = 262e3;
+  tentacle.experiment.materials[0].density = 1331;
+  std::erase_if(tentacle.trials.readings, [](const Reading& reading) {
+    return reading.controls[1] != 0 || std::abs(reading.controls[0] - 7.692) > 1e-3;
+  });
+  ASSERT_EQ(tentacle.trials.readings.size(), 12u);
+  RodBench bench = make_rod_bench(tentacle.experiment, tentacle.trials);
+  RodProtocol& rod = *bench.protocol;
+  const Params p = rod.nominal();
+  const std::vector<int> free{rod.parameters().index("E_arm"), rod.parameters().index("cable_friction")};
+  const Prediction at = rod.predict(p, free);
+  for (const std::string& failure : at.failures) FAIL() << failure;
+  for (size_t k = 0; k < free.size(); ++k) {
+    expect_taylor_order(
+        [&](double h) {
+          Params moved = p;
+          moved[free[k]] += h;
+          return (rod.predict(moved, {}).values - at.values - h * at.derivatives.col(static_cast<Eigen::Index>(k)))
+              .norm();
+        },
+        2, 1e-9, 0.01 * p[free[k]], 5, std::to_string(k));
+  }
+}
+
+/// Parameters by their ids, friction from its lower bound.
+std::vector<FreeParameter> free_rod(const RodProtocol& rod, const std::vector<std::string>& ids) {
+  std::vector<FreeParameter> free;
+  for (const std::string& id : ids) {
+    const int index = rod.parameters().index(id);
+    const ParameterSpec& spec = rod.parameters()[index];
+    free.push_back({index, id == "cable_friction" ? 0 : 0.9 * rod.nominal()[index], spec.lower, spec.upper});
+  }
+  return free;
+}
+
+/// What readings of the tentacle that the rod itself makes with this friction, and noise of a millimetre, say of it.
+FitResult fit_planted_friction(double friction, const std::vector<std::string>& ids, bool profiles = true) {
+  const Tentacle tentacle;
+  RodBench bench = make_rod_bench(tentacle.experiment, tentacle.trials);
+  RodProtocol& rod = *bench.protocol;
+  Params truth = rod.nominal();
+  truth[rod.parameters().index("cable_friction")] = friction;
+  const Prediction readings = rod.predict(truth, {});
+  EXPECT_TRUE(readings.complete());
+  std::mt19937 random(5);
+  std::normal_distribution<double> noise(0, 1e-3);
+  for (Measurement& measurement : bench.measurements) {
+    measurement.sigma = 1e-3;
+    measurement.value = readings.values[measurement.row] + noise(random);
+  }
+  FitOptions options;
+  options.profiles = profiles;
+  return fit(rod, bench.measurements, free_rod(rod, ids), options);
+}
+
+TEST(SlowRodModel, APlantedFrictionIsFound) {
+  for (const std::vector<std::string>& ids : {std::vector<std::string>{"cable_friction", "density_arm"},
+                                              {"cable_friction", "E_arm"},
+                                              {"cable_friction", "E_arm", "density_arm"},
+                                              {"cable_friction", "E_arm", "tension_scale"}}) {
+    SCOPED_TRACE(ids.back());
+    const FitResult result = fit_planted_friction(0.2, ids);
+    ASSERT_EQ(result.status, FitStatus::converged) << result.message;
+    EXPECT_GT(result.chi_squared_p, 0.01);
+    const std::map<std::string, double> truths{
+        {"cable_friction", 0.2}, {"density_arm", 1500}, {"E_arm", 505e3}, {"tension_scale", 1}};
+    for (const ParameterEstimate& estimate : result.parameters) {
+      EXPECT_EQ(estimate.verdict, Verdict::well_determined) << estimate.spec.id;
+      ASSERT_TRUE(estimate.lower95 && estimate.upper95);
+      EXPECT_LT(*estimate.lower95, truths.at(estimate.spec.id)) << estimate.spec.id;
+      EXPECT_GT(*estimate.upper95, truths.at(estimate.spec.id)) << estimate.spec.id;
+    }
+    EXPECT_LT(result.parameters[0].standard_error, 0.015);
+  }
+}
+
+TEST(SlowRodModel, AFactorOfAllTensionsIsTiedToStiffnessAndWeightAndNotToFriction) {
+  const FitResult result =
+      fit_planted_friction(0.2, {"cable_friction", "E_arm", "density_arm", "tension_scale"}, false);
+  EXPECT_EQ(result.parameters[0].verdict, Verdict::well_determined);
+  EXPECT_NEAR(result.parameters[0].value, 0.2, 2 * result.parameters[0].standard_error);
+  for (size_t k = 1; k < 4; ++k) EXPECT_EQ(result.parameters[k].verdict, Verdict::tied) << result.parameters[k].spec.id;
+}
+
+TEST(SlowRodModel, FrictionThatIsNotThereIsBoundedFromAbove) {
+  const FitResult result = fit_planted_friction(0, {"cable_friction", "E_arm", "density_arm"}),
+                  without = fit_planted_friction(0, {"E_arm", "density_arm"});
+  const ParameterEstimate& friction = result.parameters[0];
+  EXPECT_EQ(friction.verdict, Verdict::bounded_from_one_side) << friction.explanation;
+  EXPECT_FALSE(friction.lower95);
+  ASSERT_TRUE(friction.upper95);
+  EXPECT_LT(*friction.upper95, 0.05);
+  EXPECT_LT(without.chi_squared - result.chi_squared, 2);  // what Akaike's criterion asks for
+}
+
+TEST(SlowRodModel, TheTentacleAsksForNoFriction) {
+  const Tentacle tentacle;
+  RodBench bench = make_rod_bench(tentacle.experiment, tentacle.trials);
+  FitOptions options;
+  options.profiles = options.recover = false;
+  const auto fitted = [&](const std::vector<std::string>& ids) {
+    return fit(*bench.protocol, bench.measurements, free_rod(*bench.protocol, ids), options);
+  };
+  const FitResult with = fitted({"cable_friction", "E_arm", "density_arm"}), without = fitted({"E_arm", "density_arm"});
+  EXPECT_EQ(with.status, FitStatus::converged) << with.message;
+  EXPECT_NEAR(without.chi_squared, 451.5, 0.5);
+  EXPECT_LT(without.chi_squared - with.chi_squared, 2);
+  EXPECT_LT(with.parameters[0].value, with.parameters[0].standard_error);
 }
 
 TEST(RodModel, ATurnedAndShiftedBaseMovesEverythingWithIt) {

@@ -179,6 +179,34 @@ TEST_F(TendonBench, AFootAtTheEndOfABoxStaysThereWhileTheBoxIsMadeShorter) {
   EXPECT_TRUE(model.protocol->predict(model.protocol->nominal(), {size}).complete());
 }
 
+TEST_F(TendonBench, FrictionOfTendonsIsThatOfARodAlone) {
+  const std::string rubbing = replaced(tendons_toml, "pieces = 8", "pieces = 8\nfriction = \"0.2 +- 0.05\"");
+  const std::unique_ptr<Bench> bench = open(rubbing), without = open(tendons_toml);
+  const ParameterTable& table = bench->protocol().parameters();
+  EXPECT_EQ(bench->protocol().nominal()[table.index("cable_friction")], 0.2);
+  EXPECT_EQ(without->protocol().nominal()[table.index("cable_friction")], 0);
+  const Eigen::VectorXd rubs = bench->protocol().predict(bench->protocol().nominal(), {}).values,
+                        slides = without->protocol().predict(without->protocol().nominal(), {}).values;
+  EXPECT_LT(rubs[1], slides[1] - 1e-4);  // the tip moves less far sideways
+  EXPECT_GT(rubs[1], 0.8 * slides[1]);
+
+  refuses("pieces = 8", "pieces = 8\nfriction = -0.1", {"[cables] friction", "from 0 (none) to 2"});
+  refuses("pieces = 8", "pieces = 8\nfriction = \"0.2 mm\"", {"[cables] friction"});
+  const std::string full = replaced(tendons_toml, "model = \"rod\"\nrod_section = \"linear\"\n", "");
+  const auto refused = [&](const std::string& toml) {
+    SCOPED_TRACE(toml);
+    expect_input_error([&] { open(toml); }, {"arm.toml", "[cables] friction", "\"full\"", "model = \"rod\""});
+  };
+  refused(replaced(full, "pieces = 8", "pieces = 8\nfriction = 0.2"));
+  refused(full + "\n[fit.free.cable_friction]\n");
+  refused(full + "\n[[fit.variant]]\nname = \"friction\"\nfree = [\"cable_friction\"]\n");
+  EXPECT_NO_THROW(open(replaced(full, "pieces = 8", "pieces = 8\nfriction = 0")));
+  const std::string retracted = replaced(replaced(tendons_toml, "tension = \"left_N\"", "retraction = \"left_mm\""),
+                                         "tension = \"right_N\"", "retraction = \"right_mm\"");
+  expect_input_error([&] { open(replaced(retracted, "pieces = 8", "pieces = 8\nk = \"2 kN/m\"\nfriction = 0.2")); },
+                     {"[cables] friction", "whose tension is held, and none is"});
+}
+
 TEST_F(TendonBench, EyeletsAndMarkersThatAreNotOnTheBodyAreRefused) {
   refuses("along = [\"0 mm\", \"80 mm\"]", "along = [\"0 mm\", \"120 mm\"]", {"[cables] along", "from 0 to 100 mm"});
   refuses("along = [\"0 mm\", \"80 mm\"]", "along = [\"80 mm\", \"0 mm\"]", {"[cables] along", "in their order"});
