@@ -171,6 +171,33 @@ void read_support(TableReader& table, Experiment& experiment) {
   experiment.supports.push_back(support);
 }
 
+/// What governs the cables together, after each has been read: the shared law where one needs it, the tendons'
+/// friction.
+void read_laws(TableReader& table, CablesSettings& cables) {
+  const bool elastic =
+      std::ranges::any_of(cables.cables, [](const CableSettings& cable) { return !cable.held && !cable.own; });
+  const bool held = std::ranges::any_of(cables.cables, &CableSettings::held);
+  if (elastic && held && !cables.k && !cables.EA) {
+    const auto other =
+        std::ranges::find_if(cables.cables, [](const CableSettings& cable) { return !cable.held && !cable.own; });
+    table.fail("",
+               fmt::format("cable '{}' has no 'tension', so that it is elastic; give that, or k (the stiffness of a "
+                           "whole cable, \"20 kN/m\")",
+                           other->id));
+  }
+  if (elastic && !cables.k && !cables.EA) read_cable_law(table, cables, true);  // says what is missing
+  if (table.has("friction")) {
+    cables.friction = table.quantity("friction", Quantity::pure);
+    if (!(cables.friction >= 0 && cables.friction <= 2))
+      table.fail("friction", "a coefficient of friction from 0 (none) to 2 belongs here");
+    if (std::ranges::none_of(cables.cables, &CableSettings::held))
+      table.fail("friction",
+                 "it is that of cables whose tension is held, and none is; give them a 'tension', or leave it out");
+  }
+  if (!elastic && (cables.k || cables.EA))
+    table.fail(cables.k ? "k" : "EA", "no cable is governed by it: each is held at a tension or has a k of its own");
+}
+
 void read_cables(TableReader table, Experiment& experiment) {
   CablesSettings& cables = experiment.cables;
   const GeometrySettings& geometry = experiment.geometry;
@@ -234,28 +261,7 @@ void read_cables(TableReader table, Experiment& experiment) {
                fmt::format("every cable has a {} of its own, so this one moves nothing; remove it",
                            common.held ? "drive" : "retraction"));
   if (cables.cables.empty()) table.fail("", "there is no cable; add [[cables.cable]] with id, x and y");
-  const bool elastic =
-      std::ranges::any_of(cables.cables, [](const CableSettings& cable) { return !cable.held && !cable.own; });
-  const bool held = std::ranges::any_of(cables.cables, &CableSettings::held);
-  if (elastic && held && !cables.k && !cables.EA) {
-    const auto other =
-        std::ranges::find_if(cables.cables, [](const CableSettings& cable) { return !cable.held && !cable.own; });
-    table.fail("",
-               fmt::format("cable '{}' has no 'tension', so that it is elastic; give that, or k (the stiffness of a "
-                           "whole cable, \"20 kN/m\")",
-                           other->id));
-  }
-  if (elastic && !cables.k && !cables.EA) read_cable_law(table, cables, true);  // says what is missing
-  if (table.has("friction")) {
-    cables.friction = table.quantity("friction", Quantity::pure);
-    if (!(cables.friction >= 0 && cables.friction <= 2))
-      table.fail("friction", "a coefficient of friction from 0 (none) to 2 belongs here");
-    if (std::ranges::none_of(cables.cables, &CableSettings::held))
-      table.fail("friction",
-                 "it is that of cables whose tension is held, and none is; give them a 'tension', or leave it out");
-  }
-  if (!elastic && (cables.k || cables.EA))
-    table.fail(cables.k ? "k" : "EA", "no cable is governed by it: each is held at a tension or has a k of its own");
+  read_laws(table, cables);
   table.finish();
 }
 
