@@ -93,6 +93,8 @@ void add_material_lines(const Experiment& experiment, Lines& lines) {
     for (const ParameterSpec& spec : material_parameters(material.law))
       text += fmt::format(", {} = {}", spec.id, with_unit(material.constants.at(spec.id), spec.unit));
     if (material.density) text += fmt::format(", density = {}", with_unit(*material.density, "kg/m3"));
+    for (const auto& [g, tau] : material.prony)
+      text += fmt::format(", {:.4g} of it relaxes with tau = {}", g, with_unit(tau, "s"));
     lines.emplace_back("material " + material.region, text);
   }
 }

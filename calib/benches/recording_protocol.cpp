@@ -9,6 +9,7 @@
 #include "calib/benches/parallel.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/units.hpp"
+#include "sim/solve/quasi_statics.hpp"
 
 namespace taut {
 namespace {
@@ -135,10 +136,19 @@ class RecordingProtocol::Run {
         order_(trajectory.rows) {
     trajectory.factorisations = trajectory.steps = 0;
     trajectory.failure.clear();
+    std::erase_if(order_, [&](int r) { return row(r).still; });
     std::stable_sort(order_.begin(), order_.end(), [&](int a, int b) { return since_release(a) < since_release(b); });
   }
 
   void go() {
+    for (int r : trajectory_.rows) {
+      if (row(r).still) creep_to(r);
+    }
+    if (!order_.empty() && trajectory_.failure.empty()) move();
+  }
+
+ private:
+  void move() {
     const bool from_rest = recording(trajectory_.recordings.front()).held.empty();
     TimeStepperOptions options;
     options.integrator = of_.options_.integrator;
@@ -162,7 +172,25 @@ class RecordingProtocol::Run {
     follow(stepper, start);
   }
 
- private:
+  void creep_to(int r) {
+    QuasiStatics statics(*of_.scene_.model, of_.options_.equilibrium);
+    Params rest = moving_;
+    for (int index : of_.off_at_rest_) rest[index] = 0;
+    statics.start_at_rest(rest, static_cast<int>(tracked_.size()));
+    const SolveReport& loaded = statics.advance(moving_, moving_derivative_, 0);
+    trajectory_.factorisations += loaded.factorisations;
+    SolveReport end = loaded;
+    if (end.status == SolveStatus::converged) {
+      end = statics.hold(moving_, moving_derivative_, since_release(r));
+      trajectory_.factorisations += end.factorisations;
+    }
+    if (end.status != SolveStatus::converged) {
+      trajectory_.failure = "no equilibrium to come to rest in: " + end.message();
+      return;
+    }
+    read(r, statics.u(), Eigen::VectorXd::Zero(statics.u().size()), statics.du(), moving_, moving_derivative_);
+  }
+
   const Recording& recording(int r) const { return of_.recordings_[static_cast<size_t>(r)]; }
   const RecordingRow& row(int r) const { return of_.rows_[static_cast<size_t>(r)]; }
   double since_release(int r) const {

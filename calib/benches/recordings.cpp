@@ -76,6 +76,19 @@ void read_window(TableReader& table, const BenchFormat& bench, RecordingSettings
   }
 }
 
+/// Where a motion came to rest: rest = { after = "5 s", sigma = "0.2 mm", tip = "-6.5 mm" }.
+void read_rest(TableReader& table, const BenchFormat& bench, RecordingSettings& recording) {
+  recording.rest_after = table.positive("after", Quantity::time, "time since the release");
+  recording.rest_sigma = table.positive("sigma", bench.channels.front().quantity, "standard deviation");
+  for (const BenchFormat::Channel& channel : bench.channels) {
+    if (const auto value = table.optional_quantity(channel.id, channel.quantity)) recording.rest[channel.id] = *value;
+  }
+  if (recording.rest.empty())
+    table.fail("", fmt::format("there is no reading; give that of a channel, for example {} = \"-6.5 mm\"",
+                               bench.channels.front().id));
+  table.finish();
+}
+
 RecordingSettings read_recording(TableReader& table, const RecordingSettings& common, const Experiment& experiment) {
   RecordingSettings recording = common;
   recording.path = path_beside(experiment.path, table.text("file"));
@@ -86,6 +99,7 @@ RecordingSettings read_recording(TableReader& table, const RecordingSettings& co
   recording.held = read_values(table, "held", experiment);
   recording.release = table.optional_quantity("release", Quantity::time).value_or(0);
   read_window(table, experiment.bench, recording);
+  if (auto rest = table.optional_table("rest")) read_rest(*rest, experiment.bench, recording);
   if (!(recording.from < recording.until)) table.fail("", "'from' must be earlier than 'until'");
   for (const auto& [id, value] : recording.held) {
     if (recording.loads.count(id) > 0)
@@ -204,6 +218,9 @@ void add_samples(const Experiment& experiment, size_t index, std::vector<Sample>
       sample.sigma = recording.sigma > 0 ? recording.sigma : channel.noise.sigma(sample.value);
       samples.push_back(sample);
     }
+    if (const auto rest = recording.rest.find(channel.id); rest != recording.rest.end())
+      samples.push_back({static_cast<int>(index), static_cast<int>(c), 0, recording.release + recording.rest_after,
+                         rest->second, recording.rest_sigma, true});
   }
 }
 
@@ -312,7 +329,7 @@ RecordingReplay make_recording_replay(const Experiment& experiment, const MeshSe
   std::vector<RecordingRow> rows;
   for (const Sample& sample : samples) {
     const int row = static_cast<int>(rows.size());
-    rows.push_back({sample.recording, sample.channel, sample.time});
+    rows.push_back({sample.recording, sample.channel, sample.time, sample.still});
     bench.measurements.push_back({row, sample.value, sample.sigma, row});
   }
   RecordingProtocol::Options options;

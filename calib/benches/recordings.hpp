@@ -21,6 +21,9 @@ struct RecordingSettings {
   double from = -std::numeric_limits<double>::infinity(), until = std::numeric_limits<double>::infinity();  ///< [s]
   int every = 1;
   double sigma = 0;  ///< SI unit of the channels; 0: their noise
+  /// Where it came to rest: channel id to reading, SI; none: not said.
+  std::map<std::string, double> rest;
+  double rest_after = 0, rest_sigma = 0;  ///< since its release [s]; SI unit of the channels
 };
 
 /// [bench] with kind = "recordings", and [dynamics]: how they are replayed.
@@ -53,10 +56,11 @@ std::vector<Recording> declare_recordings(const Experiment& experiment, SceneBui
 /// One sample of one channel, with where it stands.
 struct Sample {
   int recording = 0, channel = 0;
-  int line = 0;      ///< in the recording's file, the header is line 1
-  double time = 0;   ///< [s]
-  double value = 0;  ///< SI, from the mean before time zero if the bench says so
-  double sigma = 0;  ///< SI
+  int line = 0;        ///< in the recording's file, the header is line 1
+  double time = 0;     ///< [s]
+  double value = 0;    ///< SI, from the mean before time zero if the bench says so
+  double sigma = 0;    ///< SI
+  bool still = false;  ///< the motion had come to rest
 };
 
 /// The samples that the bench chooses from its files, in order of recording, channel and time. Throws InputError, one

@@ -48,7 +48,7 @@ RecordingsBench::RecordingsBench(Experiment experiment, std::vector<Sample> samp
 size_t RecordingsBench::end_of(size_t first) const {
   size_t i = first;
   while (i < samples_.size() && samples_[i].recording == samples_[first].recording &&
-         samples_[i].channel == samples_[first].channel)
+         samples_[i].channel == samples_[first].channel && samples_[i].still == samples_[first].still)
     ++i;
   return i;
 }
@@ -64,6 +64,7 @@ std::vector<SwingRecord> RecordingsBench::swings(const Eigen::VectorXd& predicte
       measured.push_back(samples_[i].value);
       simulated.push_back(predicted[static_cast<Eigen::Index>(i)]);
     }
+    if (samples_[first].still) continue;
     const bool whole = std::all_of(simulated.begin(), simulated.end(), [](double y) { return std::isfinite(y); });
     if (times.size() < 8 || !whole) continue;
     const RingDown one = ring_down(times, measured), other = ring_down(times, simulated);
@@ -81,6 +82,7 @@ std::vector<CurveRecord> RecordingsBench::curves(const Params& p, const std::vec
   std::vector<Sample> dense;
   for (size_t first = 0, end = 0; first < samples_.size(); first = end) {
     end = end_of(first);
+    if (samples_[first].still) continue;
     const double from = samples_[first].time, to = samples_[end - 1].time;
     CurveRecord& curve = curves.emplace_back();
     curve.channel = channels_[static_cast<size_t>(samples_[first].channel)].id;

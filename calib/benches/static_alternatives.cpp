@@ -161,6 +161,7 @@ std::vector<StaticProtocol::Other> StaticProtocol::others(const Params& p, const
 }
 
 std::vector<Alternative> StaticProtocol::alternatives(const Params& p) {
+  if (options_.history) return {};  // a branch would need a history of its own
   find_followed();
   const std::vector<Condition> own = solved_afresh(p);
   const std::vector<Other> found = others(p, own);
@@ -189,6 +190,7 @@ std::vector<Alternative> StaticProtocol::alternatives(const Params& p) {
 }
 
 void StaticProtocol::follow(const Params& at, const std::vector<int>& rows) {
+  if (options_.history) return;
   for (Condition& condition : conditions_) {
     condition.other_u.resize(0);
     condition.other_p.resize(0);

@@ -13,6 +13,7 @@
 #include "sim/core/error.hpp"
 #include "sim/core/stopwatch.hpp"
 #include "sim/core/units.hpp"
+#include "sim/materials/prony.hpp"
 #include "sim/mesh/weights.hpp"
 
 namespace taut {
@@ -244,7 +245,7 @@ DimensionedModel StaticBench::with_dimensions(const std::vector<Dimension>& dime
 std::vector<FreeParameter> StaticBench::better_starts(const std::vector<FreeParameter>& free) const {
   const auto first_dimension =
       std::ranges::find_if(free, [&](const FreeParameter& one) { return one.index >= model().parameters().size(); });
-  if (!models_.starts || first_dimension != free.end()) return free;
+  if (!models_.starts || first_dimension != free.end() || experiment_.remembers()) return free;
   return models_.starts(experiment_, trials_, free);
 }
 
@@ -339,6 +340,7 @@ std::vector<CurveRecord> StaticBench::curves(const Params& p, const std::vector<
         reading.controls[static_cast<size_t>(drawn_control_)] = value;
         reading.channel = static_cast<int>(channel);
         reading.sigma = 1;
+        reading.turn.dwell = trials_.typical_dwell;
         curve.load.push_back(as_force(static_cast<size_t>(drawn_control_), value));
       }
     }
@@ -390,7 +392,10 @@ std::unique_ptr<Bench> StaticBench::with(const VariantSettings& variant) const {
 }
 
 Trials trials_at(Trials trials, size_t control, double held) {
-  std::erase_if(trials.readings, [&](const Reading& reading) { return reading.controls[control] != held; });
+  for (Reading& reading : trials.readings)
+    reading.excluded |= reading.turn.place >= 0 && reading.controls[control] != held;
+  std::erase_if(trials.readings,
+                [&](const Reading& reading) { return reading.turn.place < 0 && reading.controls[control] != held; });
   return trials;
 }
 
@@ -402,6 +407,7 @@ Trials trials_at_loads(const Experiment& experiment, Trials there, const std::st
       reading.line = row.line;
       reading.controls = row.controls;
       reading.channel = static_cast<int>(channel);
+      reading.turn.dwell = there.typical_dwell;
     }
   }
   return there;
@@ -483,6 +489,27 @@ std::string StaticBench::contact_text() const {
   return text;
 }
 
+std::string StaticBench::times_text() const {
+  const BenchFormat::History& history = experiment_.bench.history;
+  if (history.counts) {
+    double longest_dwell = 0, longest_rest = 0;
+    for (const BenchReading& reading : readings_) {
+      longest_dwell = std::max(longest_dwell, reading.turn.dwell);
+      longest_rest = std::max(longest_rest, reading.turn.rest);
+    }
+    return fmt::format("rows are replayed one after the other; dwells up to {}, median {}; rests up to {}",
+                       with_unit(longest_dwell, "s"), with_unit(trials_.typical_dwell, "s"),
+                       with_unit(longest_rest, "s"));
+  }
+  if (!history.time_column.empty() || !history.dwell_column.empty() || history.dwell)
+    return "noted, and without effect, since nothing relaxes here ([materials.REGION] prony)";
+  constexpr double g = 0.2, first = 10, second = 60;
+  return fmt::format(
+      "not noted; should a share of {} of the stiffness relax, dwells of {:.0f} and {:.0f} s may differ by {:.0f} %: "
+      "note the time ([bench] dwell)",
+      g, first, second, 100 * largest_creep_between(g, first, second));
+}
+
 Lines StaticBench::describe() const {
   const Experiment& e = experiment_;
   const Mesh& mesh = model().scene().model->mesh();
@@ -502,6 +529,7 @@ Lines StaticBench::describe() const {
   if (e.contact.on) lines.emplace_back("contact", contact_text());
   for (const ChannelSettings& channel : e.channels) lines.emplace_back("channel " + channel.id, channel_text(channel));
   lines.emplace_back("measured from", e.from_unloaded ? "the unloaded equilibrium" : "the rest shape");
+  lines.emplace_back("times", times_text());
   for (const std::string& remark : trials_.remarks) lines.emplace_back("bench", remark);
   if (!trials_.layout.empty()) lines.emplace_back("bench file", trials_.layout);
   return lines;

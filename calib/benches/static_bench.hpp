@@ -68,6 +68,7 @@ class StaticBench final : public Bench {
   std::string series_of(const std::vector<double>& controls) const;
   std::string describe_controls(const std::vector<double>& controls) const;
   std::vector<double> curve_loads() const;
+  std::string times_text() const;
   Lines load_lines() const;
   std::string cables_text() const;
   std::string contact_text() const;

@@ -72,6 +72,35 @@ void read_specimens(TableReader& root, TableReader& table, Experiment& experimen
 
 }  // namespace
 
+/// The column of a time, or what it is in all rows.
+void read_time(TableReader& table, std::string_view key, std::string& column, std::optional<double>& constant) {
+  const std::string given = table.text(key, "");
+  if (!is_quantity(given)) {
+    column = given;
+    return;
+  }
+  constant = parse_quantity(given, Quantity::time, table.where(key));
+  if (*constant < 0) table.fail(key, "a time is zero or more");
+}
+
+/// When readings were taken.
+void read_history(TableReader& table, Experiment& experiment) {
+  BenchFormat::History& history = experiment.bench.history;
+  history.time_column = table.text("time", "");
+  read_time(table, "dwell", history.dwell_column, history.dwell);
+  read_time(table, "rest", history.rest_column, history.rest);
+  history.counts = experiment.remembers();
+  if (!history.counts) return;
+  if (history.time_column.empty() && history.dwell_column.empty() && !history.dwell)
+    table.fail("",
+               "stresses relax (prony), so that readings depend on when they were taken; add 'dwell' (a column or "
+               "\"10 s\": for how long its load had acted) and 'rest' (without load before that), or 'time', or take "
+               "'prony' out");
+  if (experiment.model != Rung::full && experiment.model != Rung::rigid_segments && experiment.model != Rung::solid)
+    table.fail("", fmt::format("stresses relax (prony), which the model \"{}\" does not know; set model = \"full\"",
+                               name_of(experiment.model)));
+}
+
 void read_readings(TableReader& root, Experiment& experiment) {
   TableReader table = root.table("bench");
   table.text("kind", "");
@@ -88,6 +117,7 @@ void read_readings(TableReader& root, Experiment& experiment) {
                "it belongs to files with a reading a row; name the column 'channel' that holds the channel's "
                "id too, or give each channel its own column");
   read_specimens(root, table, experiment);
+  read_history(table, experiment);
   experiment.zero_offset_per = table.text("zero_offset_per", "");
   if (!experiment.zero_offset_per.empty()) {
     known_id(table, "zero_offset_per", ids_of(bench.controls), "set by the bench");

@@ -4,10 +4,11 @@
 #include <string>
 #include <vector>
 
+#include "calib/data/trials.hpp"
 #include "calib/fit/protocol.hpp"
 #include "sim/model/channel.hpp"
 #include "sim/scene/scene.hpp"
-#include "sim/solve/equilibrium.hpp"
+#include "sim/solve/quasi_statics.hpp"
 
 namespace taut {
 
@@ -16,6 +17,7 @@ struct StaticRow {
   std::vector<double> controls;  ///< SI, in the order of StaticProtocol's control parameters
   int channel = 0;
   int offset = -1;  ///< table index of a parameter that is added to the reading (a zero error); -1: none
+  Turn turn = {};   ///< when it was read
 };
 
 /// A channel with its name.
@@ -30,6 +32,12 @@ struct NamedChannel {
 /// Rows that share set_first share the path up to there; without set_first each distinct set of controls has a path of
 /// its own. Rows that share all their controls share the solve. Paths run on all threads, and the number of threads
 /// does not change a bit of the result.
+///
+/// With Options::history rows are replayed along the bench's own history (QuasiStatics): those with a place in it one
+/// after the other, with what each leaves behind for the next ones; a row without has a path from rest of its own. A
+/// row whose load was preceded by a rest, or whose retraction is another one, comes from the unloaded state at its own
+/// retraction, which lasts as long as that rest; another one directly from the row before it. Then its load acts for
+/// its dwell.
 class StaticProtocol final : public Protocol {
  public:
   /// How equilibria are found.
@@ -38,6 +46,7 @@ class StaticProtocol final : public Protocol {
     int threads = 0;             ///< 0: as many as there are cores
     std::vector<int> set_first;  ///< positions among `controls` of those that a path sets before the others
     bool from_unloaded = false;  ///< displacements are measured from the state before the loads, not from rest
+    bool history = false;        ///< the model remembers: rows are replayed along the bench's own history
   };
 
   /// `controls` are table indices of the loads that rows set, `switched_off_at_rest` further ones (gravity) that the
@@ -60,12 +69,12 @@ class StaticProtocol final : public Protocol {
   /// The same rows with a number that is no parameter of the model (a dimension) on either side of its value here. The
   /// models have the same unknowns and parameters.
   struct Neighbours {
-    const StaticProtocol *less, *more;
+    StaticProtocol *less, *more;
     double apart = 0;  ///< of that number, SI
   };
   /// Derivatives of all rows with respect to such numbers, at the states of the last prediction, which was complete:
   /// with g the gradient of the energy and c a channel, dc/du (-H^-1 dg) + dc, where dg and dc are central differences
-  /// at fixed u. Shape (rows, neighbours).
+  /// at fixed u; along a history, central differences of whole replays. Shape (rows, neighbours).
   Eigen::MatrixXd derivatives_between(const std::vector<Neighbours>& neighbours);
 
   const Scene& scene() const { return scene_; }                            ///< the model with its nominal values
@@ -88,6 +97,9 @@ class StaticProtocol final : public Protocol {
     std::vector<int> sensitivity_of;  ///< which those are
     SolveReport report;
     double smallest_jacobian = 0;  ///< over quadrature points and nodes, after the last solve
+    double seconds = 0;            ///< along a history: for how long it lasts before it is read
+    std::vector<double> read;      ///< along a history: what each of `rows` reads there,
+    Eigen::MatrixXd read_by;       ///< and its derivatives, (rows x sensitivity_of)
   };
   /// That rows need, or that others start from.
   const std::vector<Condition>& conditions() const { return conditions_; }
@@ -119,6 +131,10 @@ class StaticProtocol final : public Protocol {
   void find_followed();
   std::vector<double> before_loads(std::vector<double> controls) const;
   void make_paths();
+  void make_histories();
+  int append(Path& path, std::vector<double> controls, int parent, double seconds);
+  void solve_history(Path& path, const Params& p, const std::vector<int>& free);
+  void read_along(Condition& condition, const QuasiStatics& statics) const;
   bool held_when_unloaded(int index) const;
   void solve_path(Path& path, const Params& p, const std::vector<int>& free);
   void solve_condition(Condition& condition, const Params& p, const std::vector<int>& free,
@@ -140,6 +156,7 @@ class StaticProtocol final : public Protocol {
   Polish polish_ = Polish::full;
   Params follow_at_;  ///< where the other equilibria of `follow_rows_` are to be found yet; else empty
   std::vector<int> follow_rows_;
+  Params at_;  ///< of the last prediction
   int factorisations_ = 0, newton_iterations_ = 0;
 };
 

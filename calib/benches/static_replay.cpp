@@ -21,19 +21,28 @@ BenchRows rows_of_readings(const Experiment& experiment, const BenchModel& model
   std::vector<StaticRow>& rows = bench.rows;
   const auto row_of = [&](const Reading& reading) {
     return std::find_if(rows.begin(), rows.end(), [&](const StaticRow& row) {
-      return row.channel == reading.channel && row.controls == reading.controls;
+      return row.channel == reading.channel && row.controls == reading.controls && row.turn == reading.turn;
     });
+  };
+  // Repeats: all alike but for their place in the history.
+  const auto group_of = [&](const Reading& reading) {
+    const auto found = std::find_if(rows.begin(), rows.end(), [&](const StaticRow& row) {
+      return row.channel == reading.channel && row.controls == reading.controls &&
+             row.turn.dwell == reading.turn.dwell && row.turn.rest == reading.turn.rest;
+    });
+    return static_cast<int>(found - rows.begin());
   };
   for (const Reading& reading : trials.readings) {
     bench.row_of_reading.push_back(-1);
-    if (reading.excluded) continue;
+    const bool remembered = reading.turn.place >= 0;  // what comes after it depends on it
+    if (reading.excluded && !remembered) continue;
     const auto same = row_of(reading);
     const int row = bench.row_of_reading.back() = static_cast<int>(same - rows.begin());
     const auto offset = model.zero_offsets.empty() ? model.zero_offsets.end()
                                                    : model.zero_offsets.find(reading.controls[offset_control]);
     const int zero_offset = offset == model.zero_offsets.end() ? -1 : offset->second;
-    if (same == rows.end()) rows.push_back({reading.controls, reading.channel, zero_offset});
-    bench.measurements.push_back({row, reading.value, reading.sigma, row});
+    if (same == rows.end()) rows.push_back({reading.controls, reading.channel, zero_offset, reading.turn});
+    if (!reading.excluded) bench.measurements.push_back({row, reading.value, reading.sigma, group_of(reading)});
   }
   for (size_t i = 0; i < trials.readings.size(); ++i) {
     const auto same = row_of(trials.readings[i]);
@@ -49,6 +58,7 @@ StaticReplay make_static_replay(const Experiment& experiment, const MeshSettings
   options.equilibrium = experiment.equilibrium;
   options.threads = experiment.threads;
   options.from_unloaded = experiment.from_unloaded;
+  options.history = experiment.remembers();
   for (size_t k = 0; k < experiment.bench.controls.size(); ++k) {
     if (experiment.cables.columns.count(experiment.bench.controls[k].id) > 0)
       options.set_first.push_back(static_cast<int>(k));

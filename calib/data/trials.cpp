@@ -67,6 +67,7 @@ struct Sheet {
   const BenchFormat& format;
   CsvTable table;
   std::optional<size_t> trial, channel;
+  std::optional<NumberColumn> time, dwell, rest;
   std::vector<NumberColumn> controls, values, sigmas;
   NumberStyle style;
   size_t not_taken_count = 0;
@@ -122,6 +123,13 @@ struct Sheet {
         sigmas.push_back(
             number_column(format.sigma_column, {one.quantity}, fmt::format("sigma of channel '{}'", one.id)));
     }
+    const auto find_time = [&](const std::string& name, const char* purpose) -> std::optional<NumberColumn> {
+      if (name.empty()) return std::nullopt;
+      return number_column(name, {Quantity::time}, purpose);
+    };
+    time = find_time(format.history.time_column, "the time");
+    dwell = find_time(format.history.dwell_column, "the dwell");
+    rest = find_time(format.history.rest_column, "the rest");
     std::set<size_t> used = number_columns();
     for (const NumberColumn& control : controls) used.insert(control.index);
     if (trial) used.insert(*trial);
@@ -147,6 +155,9 @@ struct Sheet {
     }
     for (size_t k = 0; k < controls.size(); ++k) {
       if (format.controls[k].labels.empty()) indices.insert(controls[k].index);
+    }
+    for (const auto* column : {&time, &dwell, &rest}) {
+      if (*column) indices.insert((*column)->index);
     }
     return indices;
   }
@@ -240,6 +251,65 @@ struct Sheet {
     return sigma;
   }
 
+  // When readings were taken
+
+  /// A time in a row; `otherwise` where there is no such column.
+  std::optional<double> time_in(const Row& row, const std::optional<NumberColumn>& column,
+                                std::optional<double> otherwise = {}) const {
+    if (!column) return otherwise;
+    const double seconds = number_in(row, *column);
+    if (seconds < 0)
+      table.fail(row, column->index, "the time is '{}', but it cannot be negative; correct the cell",
+                 shown(row.cells[column->index]));
+    return seconds;
+  }
+
+  /// Gives each reading its turn. Rows stand in the order in which they were read; where there are times they say it.
+  void set_turns(std::vector<Reading>& readings) const {
+    std::map<int, const Row*> rows;
+    for (const Row& row : table.rows) rows[row.line] = &row;
+    std::vector<Reading*> order;
+    for (Reading& reading : readings) order.push_back(&reading);
+    const auto when = [&](const Reading* reading) { return time_in(*rows.at(reading->line), time).value_or(0); };
+    if (time) std::ranges::stable_sort(order, {}, when);
+    const Reading* last = nullptr;
+    std::set<int> channels;  // read in the last turn
+    for (Reading* reading : order) {
+      const Row& row = *rows.at(reading->line);
+      Turn turn{last == nullptr ? 0 : last->turn.place, 0, 0};
+      const bool together = last != nullptr && last->trial == reading->trial && last->controls == reading->controls &&
+                            !channels.contains(reading->channel) && (!time || when(last) == when(reading));
+      if (together) {
+        turn = last->turn;
+      } else {
+        if (last != nullptr) ++turn.place;
+        channels.clear();
+        find_times(row, last == nullptr ? nullptr : rows.at(last->line), turn);
+      }
+      reading->turn = turn;
+      channels.insert(reading->channel);
+      last = reading;
+    }
+  }
+
+  /// Dwell and rest of a row, of which one may follow from its time and that of the row read before it.
+  void find_times(const Row& row, const Row* before, Turn& turn) const {
+    const std::optional<double> stays = time_in(row, dwell, format.history.dwell),
+                                rests = time_in(row, rest, format.history.rest);
+    turn.dwell = stays.value_or(0);
+    turn.rest = rests.value_or(0);
+    if (!time) return;
+    const double passed = *time_in(row, time) - (before == nullptr ? 0 : *time_in(*before, time));
+    const double left = passed - turn.dwell - turn.rest;
+    if (left < -1e-9 * passed || (stays && rests && before != nullptr && left > 1e-9 * passed + 0.5))
+      table.fail(row, time->index,
+                 "{} s after {} its dwell and rest are {} s together; correct the times, or leave one of the three out",
+                 passed, before == nullptr ? "the first load" : fmt::format("line {}", before->line),
+                 turn.dwell + turn.rest);
+    if (!stays) turn.dwell = std::max(0.0, left);
+    if (stays && !rests) turn.rest = before == nullptr ? 0 : std::max(0.0, left);
+  }
+
   [[noreturn]] void fail_twice(const Row& row, const Reading& reading, int first_line) const {
     std::string condition;
     for (const NumberColumn& control : controls)
@@ -309,6 +379,9 @@ class FormatCheck {
     for (const BenchFormat::Channel& channel : format_.channels) check(channel);
     for (const auto& [column, purpose] : own_columns_) use(column, purpose);
     for (const auto& [column, purpose] : {std::pair(&format_.channel_column, "the channel's name"),
+                                          {&format_.history.time_column, "the time"},
+                                          {&format_.history.dwell_column, "the dwell"},
+                                          {&format_.history.rest_column, "the rest"},
                                           {&format_.value_column, "the reading"},
                                           {&format_.trial_column, "the trial"},
                                           {&format_.sigma_column, "sigma"}}) {
@@ -372,7 +445,8 @@ std::vector<std::string> names_of(const BenchFormat& format) {
   std::vector<std::string> names = format.ignored;
   for (const BenchFormat::Control& control : format.controls) names.push_back(control.column);
   for (const BenchFormat::Channel& channel : format.channels) names.push_back(channel.column);
-  names.insert(names.end(), {format.trial_column, format.channel_column, format.value_column, format.sigma_column});
+  names.insert(names.end(), {format.trial_column, format.channel_column, format.value_column, format.sigma_column,
+                             format.history.time_column, format.history.dwell_column, format.history.rest_column});
   std::erase(names, "");
   return names;
 }
@@ -438,6 +512,13 @@ Trials read_trials(const BenchFormat& format) {
                      "no row below the header has a reading: all {} are empty, NA or the like; fill them in",
                      sheet.not_taken_count);
   exclude(format, trials.readings);
+  if (format.history.counts) {
+    sheet.set_turns(trials.readings);
+    std::vector<double> dwells;
+    for (const Reading& reading : trials.readings) dwells.push_back(reading.turn.dwell);
+    std::ranges::nth_element(dwells, dwells.begin() + static_cast<std::ptrdiff_t>(dwells.size() / 2));
+    trials.typical_dwell = dwells[dwells.size() / 2];
+  }
   trials.remarks = sheet.remarks_of(trials);
   trials.layout = sheet.table.layout(sheet.style.describe());
   return trials;

@@ -1,5 +1,6 @@
 #pragma once
 #include <map>
+#include <optional>
 #include <set>
 #include <string>
 #include <vector>
@@ -7,6 +8,14 @@
 #include "sim/core/units.hpp"
 
 namespace taut {
+
+/// When a reading was taken, in benches whose readings depend on that.
+struct Turn {
+  int place = -1;    ///< in the order of the bench, which readings that were taken together share; -1: from rest
+  double dwell = 0;  ///< [s] for which its load had acted
+  double rest = 0;   ///< [s] without load before that
+  bool operator==(const Turn&) const = default;
+};
 
 /// One measured number, with where it stands in its file.
 struct Reading {
@@ -17,6 +26,7 @@ struct Reading {
   double value = 0;              ///< SI
   double sigma = 0;              ///< standard deviation, SI, > 0
   bool excluded = false;         ///< shown, but not fitted
+  Turn turn = {};                ///< where BenchFormat::History counts
 };
 
 /// What an instrument is good for: sigma^2 = absolute^2 + (relative * reading)^2 + resolution^2 / 12.
@@ -47,7 +57,15 @@ struct BenchFormat {
     std::string label =
         {};  ///< long files: what the channel column holds, which several channels may share; "": the id
   };
+  /// When readings were taken: columns of times, "" where there is none, and what holds for all rows [s].
+  struct History {
+    bool counts = false;      ///< readings depend on it, and each has its Turn
+    std::string time_column;  ///< when it was read, since the first load was hung
+    std::string dwell_column, rest_column;
+    std::optional<double> dwell, rest;
+  };
   std::string path;
+  History history = {};
   std::string trial_column;  ///< "" when there is none: rows with equal controls are then repeats
   std::vector<Control> controls;
   std::vector<Channel> channels;
@@ -68,7 +86,8 @@ struct Trials {
   /// For people: first the count of conditions, channels and trials, then what was recognised ("semicolons and decimal
   /// commas", "BOM", ...).
   std::vector<std::string> remarks;
-  std::string layout;  ///< for people: where the table was found in a file that holds more; "" for a plain file
+  double typical_dwell = 0;  ///< median of the readings' [s]; what is asked for beside them is read after as long
+  std::string layout;        ///< for people: where the table was found in a file that holds more; "" for a plain file
 };
 
 /// Reads a bench CSV file (fast-cpp-csv-parser). Comma, semicolon or tab separated, decimal point or comma, thousands
@@ -79,7 +98,8 @@ struct Trials {
 /// only, missing, duplicate or unknown column, wrong or missing unit, a control that is empty, text where a number
 /// belongs, infinity, a row with too few or too many cells, an unknown channel id, a reading that stands twice (same
 /// trial, controls and channel, both lines named), sigma not positive, no noise given at all, no reading at all, an
-/// excluded line without a reading, no reading that is not excluded.
+/// excluded line without a reading, no reading that is not excluded; where history counts, for times that contradict
+/// each other.
 Trials read_trials(const BenchFormat& format);
 
 /// A line of a file that holds loads only: where to predict.

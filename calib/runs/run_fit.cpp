@@ -17,6 +17,7 @@
 #include "sim/core/numbers.hpp"
 #include "sim/core/stopwatch.hpp"
 #include "sim/core/units.hpp"
+#include "sim/scene/scene.hpp"
 
 namespace taut {
 namespace {
@@ -214,8 +215,39 @@ class Run {
     }
   }
 
+  /// The modulus of a material that relaxes is the one at once; says what is left of it in the long run.
+  void judge_relaxation() {
+    const ParameterTable& table = bench_.protocol().parameters();
+    const FitResult& fit = record_.fit;
+    for (const MaterialSettings& material : bench_.experiment().materials) {
+      const std::string modulus = "E_" + material.region;
+      if (material.prony.empty() || !table.contains(modulus)) continue;
+      const double E = fit.p[table.index(modulus)];
+      std::map<int, double> slopes{{table.index(modulus), 1.0}};
+      for (size_t i = 0; i < material.prony.size(); ++i) {
+        const int share = table.index(prony_parameters(material.region, i).first.id);
+        slopes.at(table.index(modulus)) -= fit.p[share];
+        slopes[share] = -E;
+      }
+      Prediction left;
+      left.values = Eigen::VectorXd::Constant(1, E * slopes.at(table.index(modulus)));
+      left.derivatives = Eigen::MatrixXd::Zero(1, static_cast<Eigen::Index>(free_.size()));
+      for (size_t j = 0; j < free_.size(); ++j) {
+        const auto slope = slopes.find(free_[j].index);
+        if (slope != slopes.end()) left.derivatives(0, static_cast<Eigen::Index>(j)) = slope->second;
+      }
+      const double error = standard_errors(left, table, fit.p, free_, fit.covariance)[0];
+      record_.remarks.push_back(
+          fmt::format("{} is the modulus at once, {}; in the long run {} +- {} are left of it (noise alone)", modulus,
+                      with_unit(E, "Pa"), with_unit(left.values[0], "Pa"), with_unit(error, "Pa", 2)));
+    }
+  }
+
   void after_the_fit() {
-    if (record_.fit.status == FitStatus::converged) judge_specimens();
+    if (record_.fit.status == FitStatus::converged) {
+      judge_specimens();
+      judge_relaxation();
+    }
     stage("the replay", [&] { replay(); });
     if (!record_.fit.followed.empty())
       record_.remarks.emplace_back(

@@ -83,6 +83,16 @@ std::vector<MaterialSettings> read_materials(TableReader& root) {
     material.law = table.choice("law", material_laws());
     material.constants = read_constants(table, material.law);
     material.density = table.optional_positive("density", Quantity::density, "density");
+    double sum = 0;
+    for (TableReader& pair : table.tables("prony")) {
+      const double g = pair.number("g"), tau = pair.quantity("tau", Quantity::time);
+      if (!(g >= 0) || !(tau > 0)) pair.fail("", "g is a share of 0 or more that relaxes, and tau a positive time");
+      material.prony.emplace_back(g, tau);
+      sum += g;
+      pair.finish();
+    }
+    if (!(sum < 0.99))
+      table.fail("prony", fmt::format("g is {:.4g} in all, but less than 0.99 of the stiffness may relax", sum));
     table.finish();
   }
   if (materials.empty())

@@ -17,6 +17,8 @@ class Channel {
   virtual Eigen::VectorXd gradient(const Point& at) const = 0;
   /// dy/dp_index at fixed u; displacements have none.
   virtual double parameter_derivative(const Point&, int /*index*/) const { return 0.0; }
+  /// Change of y at fixed u and p where the memory at the step's beginning changes so; displacements have none.
+  virtual double memory_derivative(const Point&, const Eigen::VectorXd& /*change*/) const { return 0.0; }
 };
 
 /// y = weights . u: displacement of a material point, mean displacement of a face (see sim/mesh/weights.hpp).

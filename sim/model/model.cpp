@@ -16,6 +16,7 @@ Model::Model(Mesh mesh, ParameterTable parameters, std::vector<std::unique_ptr<T
       bodies_(std::move(bodies)),
       loose_(std::move(loose)) {
   length_scale_ = mesh_.diagonal();
+  for (const auto& term : terms_) memory_size_ += term->place_memory(memory_size_);
   std::vector<bool> fixed(unknowns(), false);
   for (const Support& support : supports_) {
     if (fixed[support.dof]) throw std::logic_error("a displacement component is prescribed twice");
@@ -119,6 +120,29 @@ Eigen::VectorXd Model::history_product(const Point& at, History q, const Eigen::
   Eigen::VectorXd product = Eigen::VectorXd::Zero(unknowns());
   for (const auto& term : terms_) term->add_history_product(at, q, x, transposed, product);
   return product;
+}
+
+Eigen::VectorXd Model::remember(const Point& at) const {
+  Eigen::VectorXd next = Eigen::VectorXd::Zero(memory_size_);
+  for (const auto& term : terms_) term->remember(at, next);
+  return next;
+}
+
+Eigen::VectorXd Model::memory_product(const Point& at, const Eigen::VectorXd& change) const {
+  Eigen::VectorXd product = Eigen::VectorXd::Zero(unknowns());
+  for (const auto& term : terms_) term->add_memory_product(at, change, product);
+  return product;
+}
+
+Eigen::MatrixXd Model::remember_change(const Point& at, const Eigen::MatrixXd& du, const Eigen::MatrixXd& dp,
+                                       const Eigen::MatrixXd& dmemory) const {
+  Eigen::MatrixXd next(memory_size_, du.cols());
+  for (Eigen::Index j = 0; j < du.cols(); ++j) {
+    Eigen::VectorXd column = Eigen::VectorXd::Zero(memory_size_);
+    for (const auto& term : terms_) term->remember_change(at, du.col(j), dp.col(j), dmemory.col(j), column);
+    next.col(j) = column;
+  }
+  return next;
 }
 
 Eigen::VectorXd Model::hessian_times(const Point& at, const Eigen::VectorXd& direction) const {

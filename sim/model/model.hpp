@@ -89,6 +89,16 @@ class Model {
   Eigen::VectorXd parameter_gradient(const Point& at, int index) const;
   /// Mixed derivative of the gradient with respect to a state of the past times x, or its transpose times x.
   Eigen::VectorXd history_product(const Point& at, History q, const Eigen::VectorXd& x, bool transposed) const;
+  /// How many numbers all terms together remember of the past (TimeStep::memory); of nothing they are zero.
+  int memory_size() const { return memory_size_; }
+  /// What they remember at the end of a step whose solution is at.u. Zeros without a step.
+  Eigen::VectorXd remember(const Point& at) const;
+  /// Derivative of the gradient with respect to the memory at the step's beginning times `change`, all unknowns.
+  Eigen::VectorXd memory_product(const Point& at, const Eigen::VectorXd& change) const;
+  /// Derivatives of remember() where u, the parameters and the memory at the step's beginning change like columns of
+  /// du, dp and dmemory, shape (memory_size() x columns).
+  Eigen::MatrixXd remember_change(const Point& at, const Eigen::MatrixXd& du, const Eigen::MatrixXd& dp,
+                                  const Eigen::MatrixXd& dmemory) const;
   /// Inertia alone: evaluate() over the terms that say so. With step->inertia = 1, damping zero and step->reference =
   /// u - v its energy is the kinetic energy of v and its Hessian the mass matrix [kg].
   void evaluate_inertia(const Point& at, Assembly& out) const { evaluate(at, out, true); }
@@ -124,6 +134,7 @@ class Model {
   std::vector<Slots> slots_;     ///< per term
   SparsePattern pattern_;
   double length_scale_ = 0;
+  int memory_size_ = 0;
 };
 
 }  // namespace taut

@@ -39,24 +39,29 @@ enum class Curvature { exact, projected };
 ///   du/dt = rate[0] u + rate[1] previous + rate[2] before,   and the same for the rate of any function of u,
 ///   d2u/dt2 = inertia (u - reference).
 ///
-/// Implicit Euler has rate = {1, -1, 0}/h, BDF2 three entries; both have inertia = rate[0]^2.
+/// Implicit Euler has rate = {1, -1, 0}/h, BDF2 three entries; both have inertia = rate[0]^2. Without inertia and rates
+/// it is a stretch of time in quasi-statics, through which only stresses relax.
 struct TimeStep {
   double inertia = 0;            ///< [1/s^2]
   Eigen::VectorXd reference;     ///< [m], all unknowns
   std::array<double, 3> rate{};  ///< [1/s]
   Eigen::VectorXd previous;      ///< u one step ago [m]
   Eigen::VectorXd before;        ///< u two steps ago [m]; empty: not used, rate[2] = 0
+  double length = 0;             ///< [s]
+  Eigen::VectorXd memory = {};   ///< what terms remember at its beginning, (Model::memory_size()); empty: nothing
 };
 
 /// The states of the past that an energy in a time step may depend on.
 enum class History { reference, previous, before };
 
 /// Where an energy is evaluated: displacements u = x - X [m] of all nodes, stacked node by node, and all parameters;
-/// within a time step, that step. In statics there is none, and inertia and damping contribute nothing.
+/// within a time step, that step. In statics there is none, inertia and damping contribute nothing, and nothing
+/// relaxes.
 struct Point {
   const Eigen::VectorXd& u;  ///< [m], all unknowns
   const Params& p;
   const TimeStep* step = nullptr;
+  bool moves() const { return step != nullptr && step->inertia > 0; }  ///< inertia and damping count
 };
 
 /// Collects what terms contribute: energy and, where asked for, gradient and Hessian. The Hessian goes into the values
@@ -157,6 +162,17 @@ class Term {
   /// of the past; all unknowns. Nothing for energies without memory.
   virtual void add_history_product(const Point&, History /*q*/, const Eigen::VectorXd& /*x*/, bool /*transposed*/,
                                    Eigen::VectorXd& /*out*/) const {}
+  /// Tells an energy with internal state where its part of TimeStep::memory begins, before all else; returns how many
+  /// numbers that is.
+  virtual int place_memory(int /*first*/) { return 0; }
+  /// Writes that part at the end of the step, where u is its solution.
+  virtual void remember(const Point&, Eigen::VectorXd& /*next*/) const {}
+  /// Adds the mixed derivative of E with respect to u and to the memory at the step's beginning, times `change` of
+  /// that.
+  virtual void add_memory_product(const Point&, const Eigen::VectorXd& /*change*/, Eigen::VectorXd& /*out*/) const {}
+  /// Writes the change of remember() where u, the parameters and the memory change by du, dp and dmemory.
+  virtual void remember_change(const Point&, const Eigen::VectorXd& /*du*/, const Params& /*dp*/,
+                               const Eigen::VectorXd& /*dmemory*/, Eigen::VectorXd& /*next*/) const {}
   /// Whether this is the inertia of a time step; its Hessian over step->inertia is then the mass matrix.
   virtual bool is_inertia() const { return false; }
 };

@@ -25,10 +25,21 @@ Equilibrium make_equilibrium(const Simulation& simulation, const Robot& robot, c
   return equilibrium;
 }
 
-/// Throws InputError for sensitivities that there are none of.
-void check_sensitivities(const Simulation& simulation, const Robot& robot, const SimulationSensitivities& wanted) {
-  if (!wanted.any()) return;
+/// Throws InputError for what the method of the simulation cannot follow, and for sensitivities that there are none of.
+void check_method(const Simulation& simulation, const Robot& robot, const SimulationSensitivities& wanted) {
   using enum SimulationMethod;
+  const bool by_steps = simulation.method == implicit_euler || simulation.method == bdf2;
+  if (simulation.remembers() && !by_steps && (wanted.any() || simulation.method != quasi_static))
+    throw InputError(
+        fmt::format("{}: [simulation]: stresses relax (prony), which {} not follow; choose integrator = "
+                    "\"implicit_euler\" or \"bdf2\"",
+                    simulation.path, wanted.any() ? "sensitivities of equilibria do" : "SUNDIALS' integrators do"));
+  if (!wanted.any()) return;
+  if (simulation.remembers() && wanted.goal)
+    throw InputError(
+        fmt::format("{}: stresses relax (prony), which the gradient of a goal does not follow; take "
+                    "forward sensitivities",
+                    simulation.path));
   if (simulation.method != quasi_static && simulation.method != implicit_euler && simulation.method != bdf2) {
     throw InputError(
         fmt::format("{}: [simulation]: SUNDIALS' integrators give no sensitivities here; choose integrator = "
@@ -100,9 +111,13 @@ class Run {
     for (int k = 0; k <= intervals(); ++k) times.push_back(std::min(simulation_.duration, k * simulation_.step));
     const size_t goal = wanted_.goal ? nearest(times, wanted_.goal->time) : times.size();
     const Eigen::VectorXd still = Eigen::VectorXd::Zero(model_.unknowns());
+    const bool remembers = model_.memory_size() > 0;
+    TimeStep relaxing;
+    relaxing.memory = Eigen::VectorXd::Zero(model_.memory_size());
     for (size_t k = 0; k < times.size(); ++k) {
       const Params p = robot_.at(simulation_, times[k]);
-      const SolveReport& report = equilibrium.solve(p);
+      relaxing.length = k == 0 ? 0.0 : times[k] - times[k - 1];
+      const SolveReport& report = equilibrium.solve(p, Polish::full, remembers ? &relaxing : nullptr);
       if (report.left_saddle) ++result_.saddles_left;
       if (result_.side.empty()) result_.side = report.side;
       result_.iterations += report.iterations;
@@ -112,6 +127,7 @@ class Run {
       if (report.status == SolveStatus::not_held && k == 0)
         throw InputError(fmt::format("{}: {}", simulation_.path, report.held_by_nothing()));
       if (report.status != SolveStatus::converged) return stop_at(times[k], report.message());
+      if (remembers) relaxing.memory = model_.remember({equilibrium.u(), p, &relaxing});
       const AcceptedStep state{times[k], k == 0 ? 0 : simulation_.step, equilibrium.u(), still, p, {}};
       record(state);
       if (wanted_.all_readings || k == goal) follow(equilibrium, state, k == goal);
@@ -318,7 +334,7 @@ Params at_rest(const Simulation& simulation, const Robot& robot) {
 }
 
 SimulationResult simulate(const Simulation& simulation, const Robot& robot, const SimulateOptions& options) {
-  check_sensitivities(simulation, robot, options.sensitivities);
+  check_method(simulation, robot, options.sensitivities);
   return Run(simulation, robot, options).to_end();
 }
 

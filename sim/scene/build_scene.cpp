@@ -137,8 +137,10 @@ class Assembler {
   void add_material(const MaterialSettings& material) {
     if (!rigid(material)) {
       return builder_.add_solid(material.region, material.law, material.constants,
-                                setup_.bodies.front().mesh.formulation);
+                                setup_.bodies.front().mesh.formulation, material.prony);
     }
+    if (!material.prony.empty())
+      throw InputError("what cannot deform has no 'prony'; take it out, or set model = \"full\"");
     builder_.add_rigid(material.region);
     for (auto& [spec, value] : region_parameters(material.region, material.law, material.constants))
       builder_.declare(std::move(spec), value);

@@ -22,6 +22,9 @@ class Reaction final : public Channel {
   double parameter_derivative(const Point& at, int index) const override {
     return weights_.dot(model_->parameter_gradient(at, index));
   }
+  double memory_derivative(const Point& at, const Eigen::VectorXd& change) const override {
+    return weights_.dot(model_->memory_product(at, change));
+  }
 
  private:
   const Model* model_;

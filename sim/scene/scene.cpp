@@ -78,6 +78,14 @@ void add_pieces(const Mesh& mesh, const std::vector<int>& part, const std::vecto
 
 }  // namespace
 
+std::pair<ParameterSpec, ParameterSpec> prony_parameters(const std::string& region, size_t pair) {
+  const std::string number = pair == 0 ? "" : std::to_string(pair + 1), ending = number + "_" + region;
+  ParameterSpec g{"g" + ending, "g", "1", 0, 0.99, "share of the stiffness of " + region + " that relaxes"};
+  ParameterSpec tau{"tau" + ending, "tau", "s", 1e-6, 1e9, "time in which that relaxes", true};
+  g.may_be_zero = true;
+  return {std::move(g), std::move(tau)};
+}
+
 SceneBuilder::SceneBuilder(Mesh mesh, Plane plane, double thickness)
     : mesh_(std::move(mesh)),
       plane_(plane),
@@ -100,7 +108,8 @@ int SceneBuilder::declare(ParameterSpec spec, double value) {
 }
 
 void SceneBuilder::add_solid(const std::string& region, const std::string& law,
-                             const std::map<std::string, double>& constants, Formulation formulation) {
+                             const std::map<std::string, double>& constants, Formulation formulation,
+                             const std::vector<std::pair<double, double>>& prony) {
   SolidDefinition definition;
   definition.region = mesh_.region_index(region);
   const size_t index = static_cast<size_t>(definition.region);
@@ -113,6 +122,10 @@ void SceneBuilder::add_solid(const std::string& region, const std::string& law,
     const bool modulus = spec.id == "E_" + region;
     definition.parameters.push_back(declare(std::move(spec), value));
     if (modulus) modulus_[index] = definition.parameters.back();
+  }
+  for (size_t i = 0; i < prony.size(); ++i) {
+    auto [g, tau] = prony_parameters(region, i);
+    definition.prony.push_back({declare(std::move(g), prony[i].first), declare(std::move(tau), prony[i].second)});
   }
   stiffness_[index] = youngs_modulus(law, constants);
   has_material_[index] = true;

@@ -2,6 +2,7 @@
 #include <map>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "sim/contact/contact.hpp"
@@ -22,6 +23,9 @@ struct Scene {
   Params values;
 };
 
+/// g and tau of a region's Prony pairs, which count from 0: "g_foam" and "tau_foam", then "g2_foam", "tau2_foam".
+std::pair<ParameterSpec, ParameterSpec> prony_parameters(const std::string& region, size_t pair);
+
 /// Puts a model together by name: regions to materials, tags to supports and loads. Every number becomes a declared
 /// parameter: material constants as "<constant>_<region>" (E_foam, nu_foam, density_foam), "thickness" in 2D, and what
 /// the caller declares. Everything that does not fit the mesh throws InputError.
@@ -36,9 +40,11 @@ class SceneBuilder {
   /// Declares a parameter or a control (a load, a prescribed displacement) and returns its index.
   int declare(ParameterSpec spec, double value);
 
-  /// Material of a region; `constants` by the law's ids, checked against their bounds.
+  /// Material of a region; `constants` by the law's ids, checked against their bounds. Prony pairs (g, tau) are
+  /// declared as "g_<region>" and "tau_<region>", those after the first as "g2_<region>" and so on.
   void add_solid(const std::string& region, const std::string& law, const std::map<std::string, double>& constants,
-                 Formulation formulation = Formulation::standard);
+                 Formulation formulation = Formulation::standard,
+                 const std::vector<std::pair<double, double>>& prony = {});
 
   /// A region without strain: each connected piece of it moves as one, by three unknowns in 2D and six in 3D. Statics
   /// only. A piece that is supported at all has to be clamped: build() throws InputError otherwise.

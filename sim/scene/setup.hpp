@@ -1,5 +1,6 @@
 #pragma once
 #include <Eigen/Core>
+#include <algorithm>
 #include <map>
 #include <optional>
 #include <string>
@@ -31,8 +32,9 @@ struct BodySettings {
 /// [materials.REGION].
 struct MaterialSettings {
   std::string region, law;
-  std::map<std::string, double> constants;  ///< SI
-  std::optional<double> density;            ///< [kg/m3]
+  std::map<std::string, double> constants;            ///< SI
+  std::optional<double> density;                      ///< [kg/m3]
+  std::vector<std::pair<double, double>> prony = {};  ///< pairs of g [1] and tau [s]
 };
 
 /// What is set from outside: a load, a retraction, a prescribed displacement, the angle of a motor. It becomes a
@@ -169,6 +171,12 @@ struct Setup {
   std::vector<JointSettings> joints;
   SurfaceSettings contact;
   std::vector<ChannelSettings> channels;
+
+  /// Whether readings depend on when they were taken.
+  bool remembers() const {
+    return std::any_of(materials.begin(), materials.end(),
+                       [](const MaterialSettings& material) { return !material.prony.empty(); });
+  }
 
   /// Of the whole body in the model: one half of a solid has a plane of symmetry.
   double share() const { return bodies.front().mesh.depth_cells > 0 ? 0.5 : 1.0; }

@@ -96,7 +96,7 @@ bool Equilibrium::factorise(bool& exact, const Eigen::VectorXd& u, const Params&
 /// Longest step to begin with [m]. A loose body that nothing holds yet would be thrown out of sight: it falls, faster
 /// and faster, until it is caught.
 double Equilibrium::first_step() const {
-  return model_->loose_bodies().empty() || step_ != nullptr ? infinity : 0.02 * model_->length_scale();
+  return model_->loose_bodies().empty() || moves() ? infinity : 0.02 * model_->length_scale();
 }
 
 Eigen::VectorXd Equilibrium::free_gradient_at(const Eigen::VectorXd& u, const Params& p) const {
@@ -352,7 +352,7 @@ bool Equilibrium::drifted(const Eigen::VectorXd& u, const Eigen::VectorXd& start
 /// rigid motions (of unit length). What is not held in some way has such a motion without stiffness.
 bool Equilibrium::is_held(const Eigen::VectorXd& u, const Params& p) {
   const std::vector<LooseBody>& loose = model_->loose_bodies();
-  if (loose.empty() || step_ != nullptr) return true;
+  if (loose.empty() || moves()) return true;
   const int d = model_->mesh().dimension(), turns = d == 2 ? 1 : 3, each = d + turns;
   const Eigen::VectorXd x = model_->mesh().X + u;
   Eigen::MatrixXd R = Eigen::MatrixXd::Zero(u.size(), each * static_cast<Eigen::Index>(loose.size()));
@@ -431,6 +431,20 @@ Eigen::MatrixXd Equilibrium::sensitivities(const std::vector<int>& indices) cons
     all.col(k) = reduction.extend_from_free(u_, free.col(k)) + model_->support_derivative(indices[k]);
   }
   return all;
+}
+
+Eigen::MatrixXd Equilibrium::response(const Eigen::MatrixXd& dp, Eigen::MatrixXd force) const {
+  const Point here = at(u_, p_);
+  Eigen::MatrixXd moved = Eigen::MatrixXd::Zero(force.rows(), force.cols());
+  for (int k = 0; k < dp.rows(); ++k) {
+    if (dp.row(k).isZero(0)) continue;
+    force += model_->parameter_gradient(here, k) * dp.row(k);
+    moved += model_->support_derivative(k) * dp.row(k);
+  }
+  for (Eigen::Index j = 0; j < force.cols(); ++j) {
+    if (!moved.col(j).isZero(0)) force.col(j) += model_->hessian_times(here, moved.col(j));
+  }
+  return moved - solve_linear(force);
 }
 
 /// First-order change of the equilibrium on the way to `p`, from the kept factor. Towards a new start a stiffness
@@ -597,12 +611,12 @@ void Equilibrium::advance(const Params& p, bool check_path) {
   }
 }
 
-const SolveReport& Equilibrium::solve(const Params& p, Polish polish) {
+const SolveReport& Equilibrium::solve(const Params& p, Polish polish, const TimeStep* step) {
   report_ = {};
   polish_ = polish;
   patient_ = false;
   probed_ = 0;
-  if (std::exchange(step_, nullptr) != nullptr) has_factor_ = false;
+  if (std::exchange(step_, step) != nullptr || step != nullptr) has_factor_ = false;
   const int factorisations = hessian_.factorisations();
   const Eigen::VectorXd u_start = u_;
   const Params p_start = p_;
@@ -612,6 +626,7 @@ const SolveReport& Equilibrium::solve(const Params& p, Polish polish) {
   if (options_.check_path && report_.status == SolveStatus::load_step_limit) {
     const double end = report_.slipped ? report_.slipped_after : report_.reached;
     start_at(u_start, p_start);
+    step_ = step;
     report_.reached = 0;
     report_.load_steps = 0;
     report_.left_saddle = false;

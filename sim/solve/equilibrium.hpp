@@ -123,8 +123,9 @@ class Equilibrium {
   void start_beyond(const Eigen::VectorXd& u, const Eigen::VectorXd& step, const Params& p);
 
   /// Moves from the current state to the equilibrium at `p`. On failure the state stays at the last equilibrium that
-  /// was reached on the way (report().reached of the change).
-  const SolveReport& solve(const Params& p, Polish polish = Polish::full);
+  /// was reached on the way (report().reached of the change). Within a `step` without inertia stresses relax as it
+  /// says; it has to live on as that of solve_step().
+  const SolveReport& solve(const Params& p, Polish polish = Polish::full, const TimeStep* step = nullptr);
 
   /// Minimises the potential of one time step at `p` from `start` (supports imposed), without load stepping: the new
   /// state is u() when the report says converged; otherwise the last one stays. `step` has to live on, there or
@@ -135,6 +136,10 @@ class Equilibrium {
   /// du/dp_index for each of `indices`, shape (unknowns x indices), at the last equilibrium by the implicit function
   /// theorem, H du/dp = - d2Pi/du dp, from the kept factorisation. Throws std::logic_error without a factor.
   Eigen::MatrixXd sensitivities(const std::vector<int>& indices) const;
+  /// How the last equilibrium, or the end of the last time step, changes where the parameters do like columns of `dp`
+  /// and what else the gradient depends on changes that by columns of `force` [N]; shape (unknowns x columns). Throws
+  /// std::logic_error without a factor.
+  Eigen::MatrixXd response(const Eigen::MatrixXd& dp, Eigen::MatrixXd force) const;
 
  private:
   struct NewtonResult {
@@ -186,6 +191,7 @@ class Equilibrium {
   }
   Eigen::VectorXd free_gradient_at(const Eigen::VectorXd& u, const Params& p) const;
   Point at(const Eigen::VectorXd& u, const Params& p) const { return {u, p, step_}; }
+  bool moves() const { return at(u_, p_).moves(); }
   bool stopped() const { return options_.stop != nullptr && options_.stop->load(); }
 
   const Model* model_;

@@ -31,7 +31,8 @@ Derived reference_of(const std::array<double, 3>& rate, const Derived& u1, const
 
 /// The step of length h from `now` to t, yet to be solved: what its potential knows of the past. Implicit Euler without
 /// a step `before`.
-AcceptedStep step_from(const AcceptedStep& now, const AcceptedStep* before, double t, double h, Params p) {
+AcceptedStep step_from(const AcceptedStep& now, const AcceptedStep* before, const Eigen::VectorXd& memory, double t,
+                       double h, Params p) {
   AcceptedStep next;
   next.t = t;
   next.h = h;
@@ -43,6 +44,8 @@ AcceptedStep step_from(const AcceptedStep& now, const AcceptedStep* before, doub
   next.step.reference = reference_of(rate, now.u, now.v, before != nullptr ? &before->u : nullptr,
                                      before != nullptr ? &before->v : nullptr);
   next.step.previous = now.u;
+  next.step.length = h;
+  next.step.memory = memory;
   return next;
 }
 
@@ -72,14 +75,31 @@ void TimeStepper::start(double t, const Eigen::VectorXd& u, const Eigen::VectorX
   next_step_ = options_.step;
   report_ = {};
   minimiser_.start_at_rest(now_.p);  // forgets the contacts of earlier runs
-  du_ = dv_ = dreference_ = Eigen::MatrixXd::Zero(model_->unknowns(), tracked_);
+  forget_derivatives();
   if (du.size() > 0) du_ = du;
+  remember_start();
 }
 
 void TimeStepper::track(int count, std::function<Eigen::MatrixXd(double t)> derivative) {
   tracked_ = count;
   derivative_ = std::move(derivative);
+  forget_derivatives();
+}
+
+/// As if it had come from rest all at once.
+void TimeStepper::remember_start() {
+  const Eigen::VectorXd nothing = Eigen::VectorXd::Zero(model_->memory_size());
+  TimeStep at_once;
+  at_once.memory = nothing;
+  const Point at{now_.u, now_.p, &at_once};
+  memory_ = model_->remember(at);
+  if (tracked_ == 0 || nothing.size() == 0) return;
+  dmemory_ = model_->remember_change(at, du_, derivative_(now_.t), dmemory_);
+}
+
+void TimeStepper::forget_derivatives() {
   du_ = dv_ = dreference_ = Eigen::MatrixXd::Zero(model_->unknowns(), tracked_);
+  dmemory_ = Eigen::MatrixXd::Zero(model_->memory_size(), tracked_);
 }
 
 /// Where the search begins: moved on with the present velocity, as far as nothing is in the way and elements bear it.
@@ -104,7 +124,7 @@ bool TimeStepper::advance(double until) {
     if (h >= left * (1 - 1e-9)) h = left;
     const AcceptedStep* before = before_.empty() || order == 1 ? nullptr : &before_.front();
     const double t = h == left ? until : now_.t + h;
-    AcceptedStep next = step_from(now_, before, t, h, schedule_(t));
+    AcceptedStep next = step_from(now_, before, memory_, t, h, schedule_(t));
     const Eigen::VectorXd first = predicted(h, next.p, next.step);
     const bool passes = model_->step_limit({now_.u, next.p, &next.step}, first - now_.u) < 1;
     const SolveReport& solve = minimiser_.solve_step(first, next.p, next.step);
@@ -148,6 +168,7 @@ bool TimeStepper::advance(double until) {
     now_ = std::move(next);
     minimiser_.step_moved_to(now_.step);
     if (tracked_ > 0) follow_derivatives(two_steps);
+    memory_ = model_->remember({now_.u, now_.p, &now_.step});
     ++report_.steps;
     return true;
   }
@@ -159,29 +180,26 @@ void TimeStepper::follow_derivatives(bool two_steps) {
   const std::array<double, 3>& rate = now_.step.rate;
   dreference_ = reference_of(rate, du_, dv_, &du_before_, &dv_before_);
   const Eigen::MatrixXd dp = derivative_(now_.t);
-  Eigen::MatrixXd force = Eigen::MatrixXd::Zero(du_.rows(), tracked_), moved = force;
-  for (int k = 0; k < dp.rows(); ++k) {
-    if (dp.row(k).isZero(0)) continue;
-    force += model_->parameter_gradient(at, k) * dp.row(k);
-    moved += model_->support_derivative(k) * dp.row(k);
-  }
+  Eigen::MatrixXd force = Eigen::MatrixXd::Zero(du_.rows(), tracked_);
   for (int j = 0; j < tracked_; ++j) {
     force.col(j) += model_->history_product(at, History::reference, dreference_.col(j), false) +
                     model_->history_product(at, History::previous, du_.col(j), false);
     if (two_steps) force.col(j) += model_->history_product(at, History::before, du_before_.col(j), false);
-    if (!moved.col(j).isZero(0)) force.col(j) += model_->hessian_times(at, moved.col(j));
+    force.col(j) += model_->memory_product(at, dmemory_.col(j));
   }
   if (!minimiser_.refactorise())
     throw std::logic_error("a time step's Hessian is not positive definite at its minimum");
-  Eigen::MatrixXd du = moved - minimiser_.solve_linear(force);
+  Eigen::MatrixXd du = minimiser_.response(dp, std::move(force));
   Eigen::MatrixXd dv = rate[0] * du + rate[1] * du_;
   if (two_steps) dv += rate[2] * du_before_;
+  dmemory_ = model_->remember_change(at, du, dp, dmemory_);
   du_before_ = std::exchange(du_, std::move(du));
   dv_before_ = std::exchange(dv_, std::move(dv));
 }
 
 TrajectoryGradient adjoint_gradient(const Model& model, const std::vector<AcceptedStep>& steps,
                                     const std::vector<Eigen::VectorXd>& gradients, const std::vector<int>& indices) {
+  if (model.memory_size() > 0) throw std::logic_error("the adjoint method knows no memory; track() does");
   const Eigen::VectorXd zero = Eigen::VectorXd::Zero(model.unknowns());
   Eigen::MatrixXd result(indices.size(), steps.size());
   // Derivatives of Q with respect to the state at the end of this step and of the two before it.

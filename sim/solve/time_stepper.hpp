@@ -46,8 +46,8 @@ struct AcceptedStep {
 
 /// Implicit dynamics by minimisation: M a = -dPi/du in each step, as u_(n+1) = argmin of
 /// rate^2/2 |u - reference|_M^2 + Pi(u; p(t_(n+1))) + damping, by the minimiser of Equilibrium, so contact limits each
-/// Newton step and nothing passes through anything. Supports move as p(t) says. A step whose solve fails is halved,
-/// never accepted. One object per thread.
+/// Newton step and nothing passes through anything. A start is taken for one that was come to at once, from rest.
+/// Supports move as p(t) says. A step whose solve fails is halved, never accepted. One object per thread.
 class TimeStepper {
  public:
   /// The model has to outlive it; start() comes first.
@@ -80,6 +80,8 @@ class TimeStepper {
 
  private:
   Eigen::VectorXd predicted(double h, const Params& p, const TimeStep& step) const;
+  void forget_derivatives();
+  void remember_start();
   void follow_derivatives(bool two_steps);
 
   const Model* model_;
@@ -93,6 +95,8 @@ class TimeStepper {
   std::function<Eigen::MatrixXd(double)> derivative_;
   int tracked_ = 0;
   Eigen::MatrixXd du_, dv_, du_before_, dv_before_, dreference_;
+  Eigen::VectorXd memory_;  ///< Model::remember() at now_
+  Eigen::MatrixXd dmemory_;
 };
 
 /// Derivatives of a number of a trajectory.
@@ -102,9 +106,10 @@ struct TrajectoryGradient {
 };
 
 /// Derivatives of a number Q(u_1, ..., u_n) of a trajectory with respect to parameters in every step, and to where it
-/// started, by the discrete adjoint method: one backward pass of linear solves whatever the number of controls. `steps`
-/// are the accepted steps in order (all of one start, whose state is not among them), `gradients` dQ/du_k of each
-/// (empty: zero). Throws std::logic_error when a step's exact Hessian is not positive definite.
+/// started, by the discrete adjoint method: one backward pass of linear solves whatever the number of controls. For
+/// models without memory. `steps` are the accepted steps in order (all of one start, whose state is not among them),
+/// `gradients` dQ/du_k of each (empty: zero). Throws std::logic_error when a step's exact Hessian is not positive
+/// definite.
 TrajectoryGradient adjoint_gradient(const Model& model, const std::vector<AcceptedStep>& steps,
                                     const std::vector<Eigen::VectorXd>& gradients, const std::vector<int>& indices);
 

@@ -17,7 +17,7 @@ class PointMass final : public Term {
   }
   Cliques cliques() const override { return nodes_.cliques(); }
   void assemble(const Point& at, Assembly& out) const override {
-    if (at.step == nullptr) return;
+    if (!at.moves()) return;
     const double factor = at.p[mass_] * at.step->inertia;
     for (const Eigen::VectorXd& w : weights_) {
       const double away = w.dot(at.u - at.step->reference);
@@ -36,12 +36,12 @@ class PointMass final : public Term {
   }
   bool depends_on(int index) const override { return index == mass_; }
   void add_parameter_gradient(const Point& at, int, Eigen::VectorXd& out) const override {
-    if (at.step == nullptr) return;
+    if (!at.moves()) return;
     for (const Eigen::VectorXd& w : weights_) out += at.step->inertia * w.dot(at.u - at.step->reference) * w;
   }
   void add_history_product(const Point& at, History q, const Eigen::VectorXd& x, bool,
                            Eigen::VectorXd& out) const override {
-    if (at.step == nullptr || q != History::reference) return;
+    if (!at.moves() || q != History::reference) return;
     for (const Eigen::VectorXd& w : weights_) out -= at.p[mass_] * at.step->inertia * w.dot(x) * w;
   }
   bool is_inertia() const override { return true; }

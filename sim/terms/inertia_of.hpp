@@ -99,7 +99,7 @@ class Inertia final : public RegionTerm<MassiveElement<S>> {
   }
 
   void assemble(const Point& at, Assembly& out) const override {
-    if (at.step == nullptr) return;
+    if (!at.moves()) return;
     const TimeStep& step = *at.step;
     const double rho = density(at.p), alpha = damping(at.p);
     for (size_t e = 0; e < elements_.size(); ++e) {
@@ -133,7 +133,7 @@ class Inertia final : public RegionTerm<MassiveElement<S>> {
   }
 
   void add_parameter_gradient(const Point& at, int index, Eigen::VectorXd& out) const override {
-    if (at.step == nullptr) return;
+    if (!at.moves()) return;
     const TimeStep& step = *at.step;
     const bool of_damping = index == definition_.damping;
     const double rho = density(at.p), alpha = damping(at.p);
@@ -149,7 +149,7 @@ class Inertia final : public RegionTerm<MassiveElement<S>> {
 
   void add_history_product(const Point& at, History q, const Eigen::VectorXd& x, bool,
                            Eigen::VectorXd& out) const override {
-    if (at.step == nullptr) return;
+    if (!at.moves()) return;
     const double alpha = damping(at.p);
     const double factor = q == History::reference ? -at.step->inertia : alpha * rate_of(*at.step, q);
     if (factor == 0) return;
@@ -185,7 +185,7 @@ class Viscosity final : public RegionTerm<ElementGeometry<S>> {
       : RegionTerm<Element>(mesh, definition.region), definition_(definition) {}
 
   void assemble(const Point& at, Assembly& out) const override {
-    if (at.step == nullptr || at.p[definition_.damping] == 0) return;
+    if (!at.moves() || at.p[definition_.damping] == 0) return;
     const Constants c = constants(at.p);
     const double a0 = at.step->rate[0];
     for (size_t e = 0; e < elements_.size(); ++e) {
@@ -240,14 +240,14 @@ class Viscosity final : public RegionTerm<ElementGeometry<S>> {
   }
 
   void add_parameter_gradient(const Point& at, int index, Eigen::VectorXd& out) const override {
-    if (at.step == nullptr) return;
+    if (!at.moves()) return;
     const Constants c = derivative(at.p, index);
     for (const Element& element : elements_) element.scatter(force_of(element, rates_of(element, at), c), out);
   }
 
   void add_history_product(const Point& at, History q, const Eigen::VectorXd& x, bool transposed,
                            Eigen::VectorXd& out) const override {
-    if (at.step == nullptr || q == History::reference) return;
+    if (!at.moves() || q == History::reference) return;
     const double factor = rate_of(*at.step, q);
     if (factor == 0) return;
     const Constants c = constants(at.p);

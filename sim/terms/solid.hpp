@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <memory>
 #include <string>
 #include <vector>
@@ -20,6 +21,18 @@ namespace taut {
 enum class Formulation { standard, locking_free };
 
 /// What a region is made of: a law by its name and where its parameters stand in the model's table.
+///
+/// With Prony pairs (g_i, tau_i) the material remembers: its second Piola-Kirchhoff stress is
+///
+///   S = (1 - sum g_i) S_e + sum h_i,   dh_i/dt = -h_i / tau_i + g_i dS_e/dt   [Pa],
+///
+/// S_e that of the law, so that E is the instantaneous modulus and (1 - sum g_i) E the one in the long run. Over a step
+/// of length h from a state with S_0 and h_i (PronyStep) that is the stress of the energy
+///
+///   (1 - sum g_i (1 - gain_i)) Psi + (sum decay_i h_i - g_i gain_i S_0) : G   [J/m^3],   G = (F^T F - I) / 2,
+///
+/// whose history is linear in Green's strain and so turns with the body; exact where S_e goes evenly in time, else off
+/// by O(h^2). Without a step the material answers at once, with E. Sum of g_i below 1, tau_i > 0.
 struct SolidDefinition {
   int region = 0;
   std::string law = "neo_hookean";
@@ -27,6 +40,7 @@ struct SolidDefinition {
   int thickness = -1;           ///< table index of the thickness [m] in 2D, -1 in 3D
   Plane plane = Plane::strain;
   Formulation formulation = Formulation::standard;
+  std::vector<std::array<int, 2>> prony = {};  ///< table indices of g [1] and tau [s]
 };
 
 /// Elastic energy of one region [J]: sum over quadrature points of weight * thickness * Psi(F). Energy +inf when J <= 0

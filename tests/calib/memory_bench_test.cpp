@@ -1,0 +1,227 @@
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "calib/fit/fit.hpp"
+#include "calib/runs/open_bench.hpp"
+#include "sim/materials/prony.hpp"
+#include "tests/support/message.hpp"
+#include "tests/support/static_bench.hpp"
+
+// Benches whose stresses relax: dwells, rests and times of their rows. Readings are those of one linear standard solid,
+// which creeps under a load by J(t) = 1 + g / (1 - g) [1 - exp(-(1 - g) t / tau)], and superposes (Boltzmann).
+namespace taut {
+namespace {
+
+using namespace test;
+
+constexpr double E = 2e5, g = 0.2, tau = 60;  // planted
+constexpr double length = 0.06, area = 0.012 * 0.02;
+
+double J(double t) {
+  return t <= 0 ? 0.0 : 1 - g / (1 - g) * std::expm1(-(1 - g) * t / tau);
+}
+
+/// A bar without Poisson effect that is pulled along its axis so little that all is linear: F L / (E A) at once.
+std::string bar_toml(const std::string& bench, const std::string& fit = "") {
+  return foam_piece("A bar that creeps", "[2, 1]",
+                    "E = \"200 kPa\"\nnu = 0.0\nprony = [{ g = 0.2, tau = \"60 s\" }]\n") +
+         R"(fix = ["x", "y"]
+
+[[load]]
+id = "pull"
+on = "xmax"
+direction = [1, 0]
+column = "pull_mN"
+
+[[channel]]
+id = "tip"
+on = "xmax"
+direction = [1, 0]
+column = "tip_um"
+noise = { absolute = "0.0001 um" }
+
+[bench]
+file = "bench.csv"
+)" + bench +
+         "\n" + fit;
+}
+
+constexpr double pull = 1e-3;                             // [N]
+const double at_once = 1e6 * pull * length / (E * area);  // [um]
+
+const std::string all_free = R"(
+[fit.free.E_foam]
+start = "150 kPa"
+lower = "10 kPa"
+upper = "5 MPa"
+[fit.free.g_foam]
+start = 0.4
+lower = 0.0
+upper = 0.9
+[fit.free.tau_foam]
+start = "150 s"
+lower = "1 s"
+upper = "10000 s"
+)";
+
+class MemoryBench : public testing::Test {
+ protected:
+  std::unique_ptr<Bench> open(const std::string& toml, const std::string& csv) const {
+    folder_.write("bench.csv", csv);
+    return open_bench(folder_.write("memory.toml", toml));
+  }
+  Eigen::VectorXd predicted(const std::string& toml, const std::string& csv) const {
+    const std::unique_ptr<Bench> bench = open(toml, csv);
+    const Prediction prediction = bench->protocol().predict(bench->protocol().nominal(), {});
+    for (const std::string& failure : prediction.failures) ADD_FAILURE() << failure;
+    return 1e6 * prediction.values;  // [um]
+  }
+  void refuses(const std::string& toml, const std::string& csv, const std::vector<std::string>& parts) const {
+    expect_input_error([&] { open(toml, csv); }, parts);
+  }
+  static FitResult fitted(const Bench& bench) { return fit(bench.protocol(), bench.measurements(), bench.free()); }
+  TemporaryFolder folder_;
+};
+
+// Sixteen steps of a hold leave less than this of what creeps.
+constexpr double steps_error = 4e-3;
+
+TEST_F(MemoryBench, RowsAreReplayedAlongTheBenchsOwnHistory) {
+  // 10 s under one load, 100 s of rest, 60 s under two, directly 30 s under three.
+  const std::string csv = "pull_mN,tip_um,dwell_s,rest_s\n1,1,10,0\n2,1,60,100\n3,1,30,0\n";
+  const Eigen::VectorXd tips = predicted(bar_toml("dwell = \"dwell_s\"\nrest = \"rest_s\""), csv);
+  const auto at = [&](double t) { return at_once * (J(t) - J(t - 10) + 2 * J(t - 110) + J(t - 170)); };
+  const double read[] = {10, 170, 200};
+  for (int r = 0; r < 3; ++r) EXPECT_NEAR(tips[r], at(read[r]), steps_error * 3 * at_once * g) << read[r];
+  // The same by the times at which they were read; and of rows in another order.
+  const Eigen::VectorXd by_time =
+      predicted(bar_toml("time = \"time_min\"\nrest = \"rest_s\""),
+                "pull_mN,tip_um,time_min,rest_s\n3,1," + fmt::format("{}", 200.0 / 60) + ",0\n1,1," +
+                    fmt::format("{}", 10.0 / 60) + ",0\n2,1," + fmt::format("{}", 170.0 / 60) + ",100\n");
+  EXPECT_NEAR(by_time[1], tips[0], 1e-9 * at_once);
+  EXPECT_NEAR(by_time[2], tips[1], 1e-9 * at_once);
+  EXPECT_NEAR(by_time[0], tips[2], 1e-9 * at_once);
+  // From the unloaded state before each load, what is left of the past does not count at that time.
+  const Eigen::VectorXd from =
+      predicted(bar_toml("dwell = \"dwell_s\"\nrest = \"rest_s\"\nmeasured_from = \"unloaded\""), csv);
+  EXPECT_NEAR(from[1], at(170) - at_once * (J(110) - J(100)), steps_error * 3 * at_once * g);
+}
+
+std::string creep_csv(const std::vector<double>& dwells, double error = 0) {
+  // Rests of an hour leave nothing.
+  std::string csv = "pull_mN,tip_um,dwell_s\n";
+  double sign = 1;
+  for (double dwell : dwells) csv += fmt::format("1,{:.9g},{}\n", at_once * J(dwell) + error * (sign = -sign), dwell);
+  return csv;
+}
+
+TEST_F(MemoryBench, OneModulusAndOnePairAreRecoveredFromDwellsOfTwoDecades) {
+  const std::unique_ptr<Bench> bench =
+      open(bar_toml("dwell = \"dwell_s\"\nrest = \"3600 s\"", all_free), creep_csv({2, 10, 30, 60, 120, 300}));
+  const FitResult result = fitted(*bench);
+  ASSERT_EQ(result.status, FitStatus::converged);
+  EXPECT_NEAR(result.parameters[0].value, E, 5e-3 * E);
+  EXPECT_NEAR(result.parameters[1].value, g, 5e-3);
+  EXPECT_NEAR(result.parameters[2].value, tau, 0.04 * tau);
+  for (const ParameterEstimate& e : result.parameters) EXPECT_EQ(e.verdict, Verdict::well_determined) << e.spec.id;
+}
+
+TEST_F(MemoryBench, OneDwellCannotTellAPairFromAModulus) {
+  const std::string toml =
+      replaced(bar_toml("dwell = \"dwell_s\"\nrest = \"3600 s\"", all_free), "0.0001 um", "0.005 um");
+  const std::unique_ptr<Bench> bench = open(toml, creep_csv({30, 30, 30, 30}, 5e-3));
+  const FitResult result = fitted(*bench);
+  ASSERT_EQ(result.status, FitStatus::converged);
+  EXPECT_EQ(result.parameters[0].verdict, Verdict::tied);
+  for (const ParameterEstimate& e : result.parameters) EXPECT_NE(e.verdict, Verdict::well_determined) << e.spec.id;
+}
+
+TEST_F(MemoryBench, WithoutCreepTheShareIsBoundedFromOneSide) {
+  std::string csv = "pull_mN,tip_um,dwell_s\n";
+  double sign = 1;
+  for (double dwell : {2, 10, 30, 60, 120, 300})
+    csv += fmt::format("1,{:.9g},{}\n", at_once + 1e-4 * (sign = -sign), dwell);
+  const std::string free =
+      replaced(all_free, "[fit.free.tau_foam]\nstart = \"150 s\"\nlower = \"1 s\"\nupper = \"10000 s\"\n", "");
+  const FitResult result = fitted(*open(bar_toml("dwell = \"dwell_s\"\nrest = \"3600 s\"", free), csv));
+  ASSERT_EQ(result.status, FitStatus::converged);
+  EXPECT_EQ(result.parameters[1].verdict, Verdict::bounded_from_one_side);
+  EXPECT_LT(result.parameters[1].value, 2e-4);
+}
+
+TEST_F(MemoryBench, AHeldStretchRelaxesInItsReaction) {
+  std::string toml = bar_toml("dwell = \"dwell_s\"\nrest = \"3600 s\"", all_free);
+  toml = replaced(toml, "[[load]]\nid = \"pull\"\non = \"xmax\"\ndirection = [1, 0]\ncolumn = \"pull_mN\"",
+                  "[[support]]\non = \"xmax\"\nid = \"grip\"\nmove = \"x\"\ncolumn = \"grip_um\"");
+  toml = replaced(
+      toml,
+      "id = \"tip\"\non = \"xmax\"\ndirection = [1, 0]\ncolumn = \"tip_um\"\nnoise = { absolute = \"0.0001 um\" }",
+      "id = \"cell\"\nkind = \"reaction\"\non = \"xmax\"\ndirection = [1, 0]\ncolumn = \"cell_mN\"\nnoise = { absolute "
+      "= \"0.0000001 mN\" }");
+  std::string csv = "grip_um,cell_mN,dwell_s\n";
+  const double held = 1e3 * E * area * 1e-6 / length;  // [mN]
+  for (double t : {0.0, 2.0, 10.0, 30.0, 60.0, 120.0, 300.0})
+    csv += fmt::format("1,{:.12g},{}\n", held * (1 + g * std::expm1(-t / tau)), t);
+  const std::unique_ptr<Bench> bench = open(toml, csv);
+  const Prediction prediction = bench->protocol().predict(bench->protocol().nominal(), {});
+  ASSERT_TRUE(prediction.complete());
+  for (const Measurement& m : bench->measurements())
+    EXPECT_NEAR(prediction.values[m.row], m.value, 1e-10 * held) << m.row;
+  const FitResult result = fitted(*bench);
+  ASSERT_EQ(result.status, FitStatus::converged);
+  EXPECT_NEAR(result.parameters[0].value, E, 1e-4 * E);
+  EXPECT_NEAR(result.parameters[1].value, g, 1e-4);
+  EXPECT_NEAR(result.parameters[2].value, tau, 1e-3 * tau);
+}
+
+TEST_F(MemoryBench, DerivativesThroughTheHistoryPassTheirTaylorTest) {
+  const std::unique_ptr<Bench> bench =
+      open(bar_toml("dwell = \"dwell_s\"\nrest = \"rest_s\"\nmeasured_from = \"unloaded\"", all_free),
+           "pull_mN,tip_um,dwell_s,rest_s\n800,1,10,0\n1600,1,60,100\n2400,1,30,0\n");
+  Protocol& protocol = bench->protocol();
+  std::vector<int> free;
+  for (const FreeParameter& one : bench->free()) free.push_back(one.index);
+  const Params p = protocol.nominal();
+  const Prediction here = protocol.predict(p, free);
+  for (size_t j = 0; j < free.size(); ++j) {
+    std::vector<double> left;
+    for (double h : {0.04, 0.02, 0.01}) {
+      Params q = p;
+      q[free[j]] *= 1 + h;
+      const Eigen::VectorXd change = protocol.predict(q, {}).values - here.values;
+      left.push_back((change - here.derivatives.col(static_cast<Eigen::Index>(j)) * (q[free[j]] - p[free[j]])).norm());
+    }
+    EXPECT_NEAR(left[0] / left[1], 4, 0.4) << j;
+    EXPECT_NEAR(left[1] / left[2], 4, 0.2) << j;
+  }
+}
+
+TEST(Memory, UnequalDwellsMayDifferAsTheKnownAnswerSays) {
+  EXPECT_NEAR(largest_creep_between(0.2, 10, 60), 0.14, 0.005);
+  EXPECT_NEAR(largest_creep_between(0.4, 10, 60), 0.33, 0.01);
+}
+
+TEST_F(MemoryBench, WrongTimesAreRefusedWithOneSentence) {
+  const std::string csv = "pull_mN,tip_um,dwell_s,rest_s\n1,1,10,0\n2,1,60,100\n";
+  const std::string keys = "dwell = \"dwell_s\"\nrest = \"rest_s\"";
+  refuses(bar_toml("ignore = [\"dwell_s\", \"rest_s\"]"), csv, {"memory.toml", "prony", "'dwell'"});
+  refuses(bar_toml(keys), "pull_mN,tip_um,dwell_s,rest_s\n1,1,-10,0\n", {"bench.csv, line 2", "negative"});
+  refuses(bar_toml(keys), "pull_mN,tip_um,dwell_s,rest_s\n1,1,10,-5\n", {"bench.csv, line 2", "negative"});
+  refuses(bar_toml(keys), "pull_mN,tip_um,dwell_mm,rest_s\n1,1,10,5\n", {"bench.csv, line 1", "dwell"});
+  refuses(bar_toml("dwell = \"-3 s\"\nrest = \"rest_s\"\nignore = [\"dwell_s\"]"), csv, {"dwell", "zero or more"});
+  refuses(bar_toml("dwell = \"3 mm\"\nrest = \"rest_s\"\nignore = [\"dwell_s\"]"), csv, {"dwell", "mm"});
+  refuses(bar_toml("time = \"time_s\"\n" + keys), "pull_mN,tip_um,dwell_s,rest_s,time_s\n1,1,10,0,10\n2,1,60,100,100\n",
+          {"bench.csv, line 3", "90 s after line 2", "160 s"});
+  refuses("model = \"beam\"\n" + bar_toml(keys), csv, {"memory.toml", "prony", "\"full\""});
+  refuses(replaced(bar_toml(keys), "g = 0.2", "g = -0.2"), csv, {"prony", "g is a share"});
+  refuses(replaced(bar_toml(keys), "\"60 s\"", "\"0 s\""), csv, {"prony", "positive time"});
+  refuses(
+      replaced(bar_toml(keys), "g = 0.2, tau = \"60 s\" }", "g = 0.6, tau = \"60 s\" }, { g = 0.5, tau = \"6 s\" }"),
+      csv, {"prony", "1.1 in all"});
+  refuses(replaced(bar_toml(keys), "tau = \"60 s\"", "tua = \"60 s\""), csv, {"prony", "tau"});
+}
+
+}  // namespace
+}  // namespace taut
