@@ -237,9 +237,11 @@ class Run {
         if (slope != slopes.end()) left.derivatives(0, static_cast<Eigen::Index>(j)) = slope->second;
       }
       const double error = standard_errors(left, table, fit.p, free_, fit.covariance)[0];
-      record_.remarks.push_back(
-          fmt::format("{} is the modulus at once, {}; in the long run {} +- {} are left of it (noise alone)", modulus,
-                      with_unit(E, "Pa"), with_unit(left.values[0], "Pa"), with_unit(error, "Pa", 2)));
+      const std::string later = error < left.values[0]
+                                    ? fmt::format("in the long run {} +- {} are left of it (noise alone)",
+                                                  with_unit(left.values[0], "Pa"), with_unit(error, "Pa", 2))
+                                    : "what is left of it in the long run these readings do not tell";
+      record_.remarks.push_back(fmt::format("{} is the modulus at once, {}; {}", modulus, with_unit(E, "Pa"), later));
     }
   }
 

@@ -51,7 +51,7 @@ file = "bench.csv"
 constexpr double pull = 1e-3;                             // [N]
 const double at_once = 1e6 * pull * length / (E * area);  // [um]
 
-const std::string all_free = R"(
+const std::string shares_free = R"(
 [fit.free.E_foam]
 start = "150 kPa"
 lower = "10 kPa"
@@ -60,6 +60,8 @@ upper = "5 MPa"
 start = 0.4
 lower = 0.0
 upper = 0.9
+)";
+const std::string all_free = shares_free + R"(
 [fit.free.tau_foam]
 start = "150 s"
 lower = "1 s"
@@ -109,11 +111,10 @@ TEST_F(MemoryBench, RowsAreReplayedAlongTheBenchsOwnHistory) {
   EXPECT_NEAR(from[1], at(170) - at_once * (J(110) - J(100)), steps_error * 3 * at_once * g);
 }
 
-std::string creep_csv(const std::vector<double>& dwells, double error = 0) {
+std::string creep_csv(const std::vector<double>& dwells) {
   // Rests of an hour leave nothing.
   std::string csv = "pull_mN,tip_um,dwell_s\n";
-  double sign = 1;
-  for (double dwell : dwells) csv += fmt::format("1,{:.9g},{}\n", at_once * J(dwell) + error * (sign = -sign), dwell);
+  for (double dwell : dwells) csv += fmt::format("1,{:.9g},{}\n", at_once * J(dwell), dwell);
   return csv;
 }
 
@@ -130,8 +131,8 @@ TEST_F(MemoryBench, OneModulusAndOnePairAreRecoveredFromDwellsOfTwoDecades) {
 
 TEST_F(MemoryBench, OneDwellCannotTellAPairFromAModulus) {
   const std::string toml =
-      replaced(bar_toml("dwell = \"dwell_s\"\nrest = \"3600 s\"", all_free), "0.0001 um", "0.005 um");
-  const std::unique_ptr<Bench> bench = open(toml, creep_csv({30, 30, 30, 30}, 5e-3));
+      replaced(bar_toml("dwell = \"dwell_s\"\nrest = \"3600 s\"", shares_free), "0.0001 um", "0.005 um");
+  const std::unique_ptr<Bench> bench = open(toml, creep_csv({30, 30, 30, 30}));
   const FitResult result = fitted(*bench);
   ASSERT_EQ(result.status, FitStatus::converged);
   EXPECT_EQ(result.parameters[0].verdict, Verdict::tied);
@@ -143,9 +144,7 @@ TEST_F(MemoryBench, WithoutCreepTheShareIsBoundedFromOneSide) {
   double sign = 1;
   for (double dwell : {2, 10, 30, 60, 120, 300})
     csv += fmt::format("1,{:.9g},{}\n", at_once + 1e-4 * (sign = -sign), dwell);
-  const std::string free =
-      replaced(all_free, "[fit.free.tau_foam]\nstart = \"150 s\"\nlower = \"1 s\"\nupper = \"10000 s\"\n", "");
-  const FitResult result = fitted(*open(bar_toml("dwell = \"dwell_s\"\nrest = \"3600 s\"", free), csv));
+  const FitResult result = fitted(*open(bar_toml("dwell = \"dwell_s\"\nrest = \"3600 s\"", shares_free), csv));
   ASSERT_EQ(result.status, FitStatus::converged);
   EXPECT_EQ(result.parameters[1].verdict, Verdict::bounded_from_one_side);
   EXPECT_LT(result.parameters[1].value, 2e-4);
@@ -167,8 +166,10 @@ TEST_F(MemoryBench, AHeldStretchRelaxesInItsReaction) {
   const std::unique_ptr<Bench> bench = open(toml, csv);
   const Prediction prediction = bench->protocol().predict(bench->protocol().nominal(), {});
   ASSERT_TRUE(prediction.complete());
-  for (const Measurement& m : bench->measurements())
-    EXPECT_NEAR(prediction.values[m.row], m.value, 1e-10 * held) << m.row;
+  // Against the first, which is read at once: strains are finite.
+  const std::vector<Measurement>& readings = bench->measurements();
+  for (const Measurement& m : readings)
+    EXPECT_NEAR(prediction.values[m.row] / prediction.values[0], m.value / readings[0].value, 1e-9) << m.row;
   const FitResult result = fitted(*bench);
   ASSERT_EQ(result.status, FitStatus::converged);
   EXPECT_NEAR(result.parameters[0].value, E, 1e-4 * E);
