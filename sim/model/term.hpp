@@ -61,7 +61,8 @@ struct Point {
   const Eigen::VectorXd& u;  ///< [m], all unknowns
   const Params& p;
   const TimeStep* step = nullptr;
-  bool moves() const { return step != nullptr && step->inertia > 0; }  ///< inertia and damping count
+  /// In a step of dynamics, where inertia and damping count.
+  bool moves() const { return step != nullptr && (step->inertia != 0 || step->rate[0] != 0); }
 };
 
 /// Collects what terms contribute: energy and, where asked for, gradient and Hessian. The Hessian goes into the values
