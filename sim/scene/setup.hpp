@@ -91,6 +91,24 @@ struct CablesSettings : CableLaw {
   std::optional<EyeletLine> line;                      ///< where cables begin that have a line of their own
 };
 
+/// A stud and its hole, between which there is play along one direction.
+struct StudSettings {
+  std::string id;
+  std::string on;                  ///< tag that the stud is on, or
+  std::vector<double> point;       ///< its rest position [m]
+  std::string hole_on;             ///< tag that the hole is in, or
+  std::vector<double> hole_point;  ///< its rest position [m]; without both it is fixed in space
+  std::vector<double> direction;
+  std::optional<double> clearance, stiffness;  ///< of its own, as "clearance_<id>" [m] and "k_<id>" [N/m]
+};
+
+/// All studs, and the "clearance" and "k_stud" of those that have none of their own.
+struct StudsSettings {
+  std::optional<double> clearance, stiffness;  ///< [m], [N/m]
+  double smoothing = 2e-6;                     ///< [m]
+  std::vector<StudSettings> studs;
+};
+
 /// A revolute joint between two bodies. Points are in the rest configuration [m] and on both bodies.
 struct JointSettings {
   std::string id;            ///< of the angle and, as "k_<id>", of the stiffness in the parameter table
@@ -169,6 +187,7 @@ struct Setup {
   std::vector<JointSettings> joints;
   SurfaceSettings contact;
   std::vector<ChannelSettings> channels;
+  StudsSettings studs;
 
   /// Of the whole body in the model: one half of a solid has a plane of symmetry.
   double share() const { return bodies.front().mesh.depth_cells > 0 ? 0.5 : 1.0; }
