@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "calib/fit/protocol.hpp"
+#include "sim/contact/grip.hpp"
 #include "sim/model/channel.hpp"
 #include "sim/scene/scene.hpp"
 #include "sim/solve/equilibrium.hpp"
@@ -38,6 +39,9 @@ class StaticProtocol final : public Protocol {
     int threads = 0;             ///< 0: as many as there are cores
     std::vector<int> set_first;  ///< positions among `controls` of those that a path sets before the others
     bool from_unloaded = false;  ///< displacements are measured from the state before the loads, not from rest
+    /// Of the scene: what touches in a state cannot slide in those that start from it, by a Grip, until it opens; null:
+    /// it slides freely. Derivatives leave out how the former states depend on parameters.
+    const Contact* sticks = nullptr;
   };
 
   /// `controls` are table indices of the loads that rows set, `switched_off_at_rest` further ones (gravity) that the
@@ -87,6 +91,7 @@ class StaticProtocol final : public Protocol {
     Eigen::MatrixXd sensitivities;    ///< du/dp of the parameters that were asked for last
     std::vector<int> sensitivity_of;  ///< which those are
     SolveReport report;
+    bool held = false;  ///< something touches in the state that it starts from, and cannot slide (Options::sticks)
     double smallest_jacobian = 0;  ///< over quadrature points and nodes, after the last solve
   };
   /// That rows need, or that others start from.
@@ -101,6 +106,9 @@ class StaticProtocol final : public Protocol {
     std::vector<int> conditions;  ///< in the order in which they are solved
     double cost = 0;              ///< factorisations of its last solve, before the first one a guess
     std::unique_ptr<Equilibrium> equilibrium;
+    /// While the loads hang on what sticks: the model with a Grip.
+    std::unique_ptr<Model> held_model = {};
+    std::unique_ptr<Equilibrium> held_equilibrium = {};
   };
   /// Another equilibrium of a condition, and where loads that grow make the state jump.
   struct Other {
@@ -121,6 +129,7 @@ class StaticProtocol final : public Protocol {
   void make_paths();
   bool held_when_unloaded(int index) const;
   void solve_path(Path& path, const Params& p, const std::vector<int>& free);
+  void solve_held(Path& path, Condition& condition, const Params& p, const std::vector<int>& free, Grip& grip) const;
   void solve_condition(Condition& condition, const Params& p, const std::vector<int>& free,
                        Equilibrium& equilibrium) const;
   Eigen::VectorXd predicted_change(const Condition& condition, const Params& to) const;

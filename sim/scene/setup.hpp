@@ -143,7 +143,9 @@ struct GroundSettings {
 /// [contact]: on for push_puppet, elsewhere when the table is there.
 struct SurfaceSettings {
   bool on = false;
-  bool idle = false;  ///< nothing touches: the mesh is made for contact, but none is looked for
+  bool idle = false;       ///< nothing touches: the mesh is made for contact, but none is looked for
+  bool bracketed = false;  ///< a fit says what friction, of which there is none, could change at most
+  bool sticks = false;     ///< a bench's points that touch cannot slide when more load is hung, see Grip
   ContactForm form = ContactForm::length_weighted;
   double gap = 0;                          ///< distance at which it sets in [m]; 0: that of the mesh's settings
   std::map<std::string, double> pressure;  ///< region to barrier stiffness [Pa]; missing: from materials and loads
@@ -185,9 +187,9 @@ struct Setup {
   std::vector<LoadSettings> loads;
   CablesSettings cables;
   std::vector<JointSettings> joints;
+  StudsSettings studs;
   SurfaceSettings contact;
   std::vector<ChannelSettings> channels;
-  StudsSettings studs;
 
   /// Of the whole body in the model: one half of a solid has a plane of symmetry.
   double share() const { return bodies.front().mesh.depth_cells > 0 ? 0.5 : 1.0; }
