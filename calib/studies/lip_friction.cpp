@@ -1,5 +1,6 @@
 #include "calib/studies/lip_friction.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "calib/benches/assumptions.hpp"
@@ -23,6 +24,13 @@ double stiffness_of(double force, double displacement) {
   return force != 0 && displacement != 0 ? std::abs(force / displacement) : not_a_number;
 }
 
+/// Whether surfaces touch in any state of the last replay, seen by the same model at rest in the same shape.
+bool touches_somewhere(const Bench& bench, const StaticReplay& replay, const Params& p) {
+  return std::ranges::any_of(bench.states().states, [&](const SolvedState& state) {
+    return !replay.contact->active_pairs({state.u, p}).empty();
+  });
+}
+
 /// Half of the way from the fit to that of lips that stick, as bias and as error.
 void take_half(const FitResult& fit, const Eigen::VectorXd& step, Share& share) {
   for (size_t j = 0; j < fit.parameters.size(); ++j) {
@@ -43,8 +51,12 @@ std::optional<LipFriction> lip_friction(const Bench& bench, const FitResult& fit
   DimensionedProtocol with_grip(stuck, *bench.trials_at_rest(), free_dimensions(stuck));
   Params p = with_grip.nominal();
   for (const ParameterEstimate& e : fit.parameters) p[with_grip.parameters().index(e.spec.id)] = e.value;
+  const StaticReplay& replay = with_grip.replay();
+  if (replay.contact == nullptr) return std::nullopt;
+  if (with_grip.dimensions().empty() && !touches_somewhere(bench, replay, p)) return std::nullopt;
   const Prediction sticking = with_grip.predict(p, {});
   const StaticProtocol& solved = *with_grip.replay().protocol;
+  if (std::ranges::none_of(solved.conditions(), &StaticProtocol::Condition::held)) return std::nullopt;
 
   const ParameterTable& table = bench.protocol().parameters();
   const std::vector<FreeParameter> free = free_at(fit, table);
@@ -53,9 +65,7 @@ std::optional<LipFriction> lip_friction(const Bench& bench, const FitResult& fit
 
   LipFriction found;
   const int load = bench.drawn_control();
-  bool closes = false;
   for (const StaticProtocol::Condition& condition : solved.conditions()) {
-    closes = closes || condition.held;
     if (!condition.held || condition.report.status != SolveStatus::converged) continue;
     for (const int r : condition.rows) {
       const StaticRow& row = solved.rows()[static_cast<size_t>(r)];
@@ -74,7 +84,6 @@ std::optional<LipFriction> lip_friction(const Bench& bench, const FitResult& fit
       at.sticking_stiffness = stiffness_of(force, at.sticking - before);
     }
   }
-  if (!closes) return std::nullopt;
   Share& share = found.share;
   share.source = "friction of the lips";
   if (sticking.complete() && own.complete()) {

@@ -27,7 +27,8 @@ struct LipFriction {
 /// with surfaces that cannot slide from the state on in which they first touch, the unloaded one or that of a smaller
 /// load of the rows (Grip), and one Gauss-Newton step with those values. What friction does to loads that grow is
 /// between the two; what comes to touch under a row's own last step of load slides in that row. Nothing where no row
-/// starts from a closed state. One cold replay without derivatives, and a warm one with them (`ask`). For one specimen,
+/// starts from a closed state, and no solve where nothing touches in the bench's last replay, which was at the optimum.
+/// One cold replay without derivatives, and a warm one with them (`ask`). For one specimen,
 /// readings at rest of the plane full model or rigid segments, and fits that have a result.
 std::optional<LipFriction> lip_friction(const Bench& bench, const FitResult& fit, const Ask& ask = {});
 

@@ -15,9 +15,9 @@ struct FittedModule {
   std::unique_ptr<StaticBench> bench;
   FitResult fit;
 
-  explicit FittedModule(const std::vector<double>& retractions) {
+  explicit FittedModule(const std::vector<double>& retractions, const std::vector<double>& masses = {0.050, 0.500}) {
     const Experiment module = reference_module(1);
-    Trials trials = conditions_of(retractions, {0.050, 0.500});
+    Trials trials = conditions_of(retractions, masses);
     const StaticReplay replay = make_static_replay(module, module.mesh, trials);
     const Prediction truth = predicted(replay);
     for (size_t i = 0; i < trials.readings.size(); ++i) {
@@ -79,9 +79,13 @@ TEST(LipFriction, AGripThatIsTenTimesAsStiffChangesNothing) {
   EXPECT_NEAR(drop_with(100), drop, 1e-3 * drop);
 }
 
-TEST(LipFriction, AModuleThatNeverClosesStatesNothing) {
-  const FittedModule module({0});
-  EXPECT_FALSE(lip_friction(*module.bench, module.fit).has_value());
+TEST(LipFriction, AModuleThatNeverClosesStatesNothingAndCostsNothing) {
+  const FittedModule module({0}, {0.050, 0.100});
+  const Ask ask = [](Protocol& protocol, const Params& p, const std::vector<int>& free) {
+    ADD_FAILURE() << "a prediction was asked for";
+    return protocol.predict(p, free);
+  };
+  EXPECT_FALSE(lip_friction(*module.bench, module.fit, ask).has_value());
 }
 
 TEST(LipFriction, ABracketIsRefusedWhereThereIsNothingThatCloses) {
