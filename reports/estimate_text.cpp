@@ -197,6 +197,25 @@ std::string but_unknown(const RunRecord& record, size_t j) {
   return total.without.empty() ? "" : " but the " + join(total.without, ", the ");
 }
 
+std::string friction_text(const RunRecord& record) {
+  if (record.lip_friction.empty()) return "";
+  const auto change = [](const FrictionRow& row) { return std::abs(row.sticking / row.sliding - 1); };
+  const FrictionRow& most = *std::ranges::max_element(record.lip_friction, {}, change);
+  const std::string& unit = channel_axis(record, most.channel).unit;
+  std::vector<std::string> controls;
+  for (size_t k = 0; k < most.controls.size(); ++k)
+    controls.push_back(record.controls[k].id + " = " + text_of(record.controls[k], most.controls[k]));
+  std::string text = fmt::format(
+      "friction of the lips, between none and any: it changes {} closed row{} by {:.2g} % at most ({}: {} {} with lips "
+      "that slide, {} with lips that stick",
+      record.lip_friction.size(), record.lip_friction.size() == 1 ? "" : "s", 100 * change(most), join(controls),
+      most.channel, with_unit(most.sliding, unit), with_unit(most.sticking, unit));
+  if (std::isfinite(most.sliding_stiffness))
+    text +=
+        fmt::format("; {} and {}", with_unit(most.sliding_stiffness, "N/m"), with_unit(most.sticking_stiffness, "N/m"));
+  return text + ")";
+}
+
 std::string limit_text(const RunRecord& record, size_t j) {
   const ParameterEstimate& e = record.fit.parameters[j];
   if (!std::isfinite(e.standard_error)) return "";
@@ -219,6 +238,7 @@ std::string limit_text(const RunRecord& record, size_t j) {
                          : counted->source == "contact gap"                            ? "make contact_gap smaller"
                          : counted->source == "plane section"                          ? "fit with model = \"solid\""
                          : counted->source == "model" || counted->source == "rigidity" ? "fit with model = \"full\""
+                         : counted->source == "friction of the lips"                   ? "read rows whose lips are open"
                          : counted->source == "section law"
                              ? "see which the readings want, by a [[fit.variant]] with the other rod_section"
                          : counted->source.starts_with("scatter") ? "look for what differs from one to the next"

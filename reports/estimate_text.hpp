@@ -38,6 +38,9 @@ std::vector<std::string> spread_over_sets(const RunRecord& record);
 std::string further_text(const VariantRecord& variant);
 /// held_out_verdict() with a line for each part; "": there are none.
 std::string held_out_text(const RunRecord& record);
+/// "friction of the lips, between none and any: ..." with the row that it changes most; "": not asked for, or no row
+/// closes.
+std::string friction_text(const RunRecord& record);
 /// "line 40 (tip): 38.50 mm, 10.2 sigmas off 3.850 mm": readings that the robust fit sets aside; "": none.
 std::string robust_outliers(const RunRecord& record);
 /// There are more readings than parameters, and a result.

@@ -87,6 +87,30 @@ std::string share_table(const RunRecord& record) {
              "by 1 %: its tolerance is not stated; write it into the experiment, \"17.0 mm +- 0.1 mm\".");
 }
 
+/// Rows of closed modules without friction of their lips, and with so much that they stick.
+std::string friction_table(const RunRecord& record) {
+  if (record.lip_friction.empty()) return "";
+  Cells header = {"Channel"};
+  for (const AxisRecord& control : record.controls) header.push_back("#" + control.id);
+  header.insert(header.end(), {"#Sliding", "#Sticking", "#Stiffness, sliding", "#Stiffness, sticking"});
+  std::vector<Cells> rows;
+  for (const FrictionRow& one : record.lip_friction) {
+    const std::string& unit = channel_axis(record, one.channel).unit;
+    Cells& row = rows.emplace_back();
+    row.push_back(one.channel);
+    for (size_t k = 0; k < one.controls.size(); ++k) row.push_back(text_of(record.controls[k], one.controls[k]));
+    row.insert(row.end(), {with_unit(one.sliding, unit), with_unit(one.sticking, unit)});
+    for (const double stiffness : {one.sliding_stiffness, one.sticking_stiffness})
+      row.push_back(std::isfinite(stiffness) ? with_unit(stiffness, "N/m") : "none");
+  }
+  return "<h2>Friction of the lips</h2>\n" +
+         paragraph(
+             "The model has none. Whatever friction there is, readings of loads that grow lie between these two: "
+             "lips that slide freely, and lips that cannot slide from where they first touched, unloaded or under a "
+             "smaller load.") +
+         table(header, rows);
+}
+
 /// What each set of further free parameters buys, and what it does to the others.
 std::string evidence_table(const RunRecord& record) {
   std::vector<VariantRecord> all = record.variants;
@@ -245,7 +269,7 @@ std::optional<Section> fitted_parameters(const RunRecord& record) {
       paragraph("\"Open\" means that the readings set no limit on that side. Standard errors and intervals come from "
                 "the declared standard deviations of the readings alone; the interval in all adds what counts below. "
                 "Neither knows of a law that is wrong.") +
-      share_table(record)};
+      share_table(record) + friction_table(record)};
 }
 
 std::optional<Section> variants_and_references(const RunRecord& record) {

@@ -214,6 +214,7 @@ std::vector<std::string> named_channels(const RunRecord& record) {
   std::vector<std::string> names;
   for (const ReadingRecord& reading : record.readings) plot::place_in(names, reading.channel);
   for (const CurveRecord& curve : record.curves) plot::place_in(names, curve.channel);
+  for (const FrictionRow& row : record.lip_friction) plot::place_in(names, row.channel);
   return names;
 }
 
@@ -234,6 +235,9 @@ void complete(const JsonArchive& root, RunRecord& record) {
       values.need(values.json().size() == record.fit.parameters.size(), "one number for each parameter");
     }
   }
+  for (size_t i = 0; i < record.lip_friction.size(); ++i)
+    root["lip_friction"][i]["controls"].need(record.lip_friction[i].controls.size() == record.controls.size(),
+                                             "one number for each control");
   for (size_t i = 0; i < record.explanations.size(); ++i)
     root["explanations"][i]["shifts"].need(record.explanations[i].shifts.size() == record.fit.parameters.size(),
                                            "one number for each parameter");

@@ -128,6 +128,15 @@ void describe(auto&& a, Share& share) {
   if (a.there("counted")) a("counted", share.counted);
 }
 
+void describe(auto&& a, FrictionRow& row) {
+  a("channel", row.channel);
+  a("controls", row.controls);
+  a("sliding", row.sliding);
+  a("sticking", row.sticking);
+  a("sliding_stiffness", row.sliding_stiffness);
+  a("sticking_stiffness", row.sticking_stiffness);
+}
+
 void describe(auto&& a, HeldOut& held_out) {
   a("part", held_out.part);
   a("readings", held_out.readings);
@@ -291,6 +300,7 @@ void describe(auto&& a, RunRecord& record) {
   if (a.there("held_out", !record.held_out.empty())) a("held_out", record.held_out);
   if (a.there("robust", !record.robust.method.empty())) a("robust", record.robust);
   if (a.there("shares")) a("shares", record.shares);
+  if (a.there("lip_friction", !record.lip_friction.empty())) a("lip_friction", record.lip_friction);
   describe_fit(a["fit"], record);
   if (a.there("interrupted")) a("interrupted", record.interrupted);
   a("controls", record.controls);

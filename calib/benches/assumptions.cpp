@@ -176,7 +176,10 @@ std::string id_at(const std::string& place) {
   if (place == "cables.k" || place == "cables.EA") return "k_cable";
   if (place == "cables.friction") return "cable_friction";
   if (place == "gravity.acceleration") return "g";
+  if (place == "studs.stiffness") return "k_stud";
   const size_t last = place.rfind('.'), first = place.find('.');
+  if (place.starts_with("stud.") && last > first)
+    return (place.ends_with(".stiffness") ? "k" : "clearance") + ("_" + place.substr(first + 1, last - first - 1));
   if (place.starts_with("materials.") && last > first)
     return place.substr(last + 1) + "_" + place.substr(first + 1, last - first - 1);
   return place.substr(last + 1);
@@ -195,15 +198,14 @@ std::map<std::string, Tolerance> tolerances_by_id(const Experiment& experiment, 
     const auto dimension = std::ranges::find(dimensions, place, &Dimension::place);
     const std::string id = dimension != dimensions.end() ? dimension->spec.id : id_at(place);
     const bool known = table.contains(id) && (place.starts_with("materials.") || place.starts_with("cables.") ||
+                                              place.starts_with("stud.") || place.starts_with("studs.") ||
                                               place == "geometry.thickness" || place == "gravity.acceleration");
     if (dimension == dimensions.end() && !known)
       throw InputError(
           tolerance.where +
           ": a tolerance has no effect here; allowed: lengths in [geometry] that are not zero, corners of boxes and "
-          "polygons, constants in [materials.NAME], k, slack, friction and eyelets in [cables], places of a "
-          "[[marker]], [base], "
-          "and "
-          "[bench.tolerance] for what the bench sets");
+          "polygons, constants in [materials.NAME], k, slack, friction and eyelets in [cables], clearance and "
+          "stiffness of a [[stud]], places of a [[marker]], [base], and [bench.tolerance] for what the bench sets");
     if (is_fitted(experiment, id))
       throw InputError(
           fmt::format("{}: {} is fitted ([fit.free.{}]), so that its tolerance has no effect; leave either "

@@ -27,6 +27,11 @@ void read_bench(TableReader table, Experiment& experiment) {
   bench.trial_column = table.text("trial", "");
   bench.channel_column = table.text("mode");
   bench.controls = {{"strain", table.text("strain"), {Quantity::pure}}};
+  if (table.has("order")) {
+    if (!point_settings(experiment).mullins)
+      table.fail("order", "it counts with softening only; add 'mullins' to the material, or leave it out");
+    bench.controls.push_back({"order", table.text("order"), {Quantity::pure}});
+  }
   bench.value_column = table.text("stress");
   bench.sigma_column = table.text("sigma", "");
   bench.ignored = table.columns_or_none("ignore");
@@ -41,21 +46,38 @@ void read_bench(TableReader table, Experiment& experiment) {
   for (const std::string& mode : mode_names()) bench.channels.push_back({mode, "", Quantity::pressure, noise});
 }
 
+/// The table mullins of a material; without it there is no softening.
+std::optional<Mullins> read_mullins(TableReader& material) {
+  auto table = material.optional_table("mullins");
+  if (!table) return std::nullopt;
+  Mullins law;
+  law.r = table->quantity("r", Quantity::pure);
+  law.m = table->positive("m", Quantity::pressure, "energy density (1 kPa is 1 kJ/m3)");
+  law.beta = table->optional_quantity("beta", Quantity::pure).value_or(0);
+  if (!(law.r > 1)) table->fail("r", "a number above 1 belongs here: at most 1 / r of the stress is lost");
+  if (law.beta < 0) table->fail("beta", "a number of zero or more belongs here");
+  table->finish();
+  return law;
+}
+
 /// What a file with geometry kind "uniaxial" says of its material (one) and its bench.
 void read_uniaxial(TableReader& root, Experiment& experiment) {
   TableReader geometry = root.table("geometry");
   geometry.text("kind");
   geometry.finish();
+  PointSettings settings;
   for (auto& [region, table] : root.named_tables("materials")) {
     MaterialSettings& material = experiment.materials.emplace_back();
     material.region = region;
     material.law = table.choice("law", material_laws());
     material.constants = read_constants(table, material.law);
+    settings.mullins = read_mullins(table);
     table.finish();
   }
   if (experiment.materials.size() != 1)
     root.fail("", fmt::format("a uniaxial experiment has one material, not {}; give one [materials.NAME]",
                               experiment.materials.size()));
+  experiment.own = settings;
   read_bench(root.table("bench"), experiment);
 }
 
@@ -89,7 +111,7 @@ MaterialPointBench::MaterialPointBench(Experiment experiment, Trials trials, con
     : Bench(std::move(experiment)),
       trials_(std::move(trials)),
       fit_(variant),
-      rows_(make_point_replay(experiment_.bench, trials_)),
+      rows_(make_point_replay(experiment_.bench, trials_, point_settings(experiment_).mullins.has_value())),
       protocol_(protocol_of(rows_.rows)) {
   controls_ = {make_axis(trials_.control_ids.front(), Quantity::pure, "engineering strain")};
   drawn_label_ = "strain";
@@ -101,12 +123,13 @@ MaterialPointBench::MaterialPointBench(Experiment experiment, Trials trials, con
     if (std::find(fit_.modes.begin(), fit_.modes.end(), mode) == fit_.modes.end()) continue;
     if (!from.excluded) measurements_.push_back(rows_.measurements[i]);
     readings_.push_back({from, rows_.measurements[i].row, {}, {}});
+    readings_.back().controls.resize(1);  // the order is in the rows
   }
 }
 
 std::unique_ptr<UniaxialProtocol> MaterialPointBench::protocol_of(std::vector<PointRow> rows) const {
   return std::make_unique<UniaxialProtocol>(experiment_.materials.front().region, fit_.law, fit_.constants,
-                                            std::move(rows));
+                                            std::move(rows), point_settings(experiment_).mullins);
 }
 
 std::unique_ptr<Bench> MaterialPointBench::with(const VariantSettings& variant) const {
@@ -124,7 +147,7 @@ std::string MaterialPointBench::size_text() const {
   return fmt::format("{} readings of a material point", readings_.size());
 }
 
-/// The curve of each mode that was fitted, from zero to the largest strain and at every reading.
+/// The curve of each mode that was fitted, from zero to the largest strain and at every reading: that of first loading.
 std::vector<CurveRecord> MaterialPointBench::curves(const Params& p, const std::vector<FreeParameter>& free,
                                                     const Eigen::MatrixXd& covariance, const Ask& ask) const {
   constexpr int steps = 30;

@@ -114,6 +114,9 @@ Experiment as_solid(const Experiment& experiment, int depth_cells) {
   for (CableSettings& cable : solid.cables.cables) {
     for (std::vector<double>& point : cable.points) deepen(point);
   }
+  for (StudSettings& stud : solid.studs.studs) {
+    for (std::vector<double>* place : {&stud.point, &stud.hole_point, &stud.direction}) deepen(*place);
+  }
   return solid;
 }
 
@@ -149,6 +152,12 @@ Setup setup_of(const Experiment& experiment, const MeshSettings& settings, const
       point.assign(there.begin(), there.end());
     };
     const Eigen::MatrixXd rotation = rotation_of(body, setup.dimension);
+    for (StudSettings& stud : setup.studs.studs) {
+      move(stud.point);
+      move(stud.hole_point);
+      const Eigen::VectorXd turned = rotation * vector_of(stud.direction);
+      stud.direction.assign(turned.begin(), turned.end());
+    }
     for (LoadSettings& load : setup.loads) move(load.point);
     for (ChannelSettings& channel : setup.channels) {
       move(channel.point);

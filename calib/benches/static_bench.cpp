@@ -486,6 +486,18 @@ std::string StaticBench::contact_text() const {
   if (experiment_.geometry.shape->defaults().contact)
     text += experiment_.contact.compensate ? "; lips shortened by the distance at which they rest"
                                            : "; stand-off not compensated";
+  if (experiment_.contact.bracketed) text += "; friction bracketed after the fit";
+  return text;
+}
+
+std::string StaticBench::studs_text() const {
+  const StudsSettings& all = experiment_.studs;
+  std::string text;
+  for (const StudSettings& stud : all.studs) {
+    text += fmt::format("{}{}: play of {} to either side, then {}", text.empty() ? "" : "; ", stud.id,
+                        with_unit(stud.clearance ? *stud.clearance : *all.clearance, "m"),
+                        with_unit(stud.stiffness ? *stud.stiffness : *all.stiffness, "N/m"));
+  }
   return text;
 }
 
@@ -525,6 +537,7 @@ Lines StaticBench::describe() const {
   for (const SupportSettings& support : e.supports) lines.emplace_back("support " + support.on, support_text(support));
   for (auto& line : load_lines()) lines.push_back(std::move(line));
   if (!e.cables.cables.empty()) lines.emplace_back("cables", cables_text());
+  if (!e.studs.studs.empty()) lines.emplace_back("studs", studs_text());
   if (const std::string base = base_text(e); !base.empty()) lines.emplace_back("base", base);
   if (e.contact.on) lines.emplace_back("contact", contact_text());
   for (const ChannelSettings& channel : e.channels) lines.emplace_back("channel " + channel.id, channel_text(channel));

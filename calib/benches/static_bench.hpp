@@ -72,6 +72,7 @@ class StaticBench final : public Bench {
   Lines load_lines() const;
   std::string cables_text() const;
   std::string contact_text() const;
+  std::string studs_text() const;
   std::vector<std::string> sides_taken() const;
   std::vector<std::string> held_by(const Eigen::VectorXd& gradient) const;
   void refuse_held_channels() const;

@@ -7,6 +7,7 @@
 #include <limits>
 #include <map>
 #include <numeric>
+#include <optional>
 
 #include "calib/benches/parallel.hpp"
 #include "calib/fit/bytes.hpp"
@@ -326,19 +327,47 @@ void StaticProtocol::solve_history(Path& path, const Params& p, const std::vecto
   }
 }
 
+/// Solves a condition under what `grip` holds, without what opens, which holds no more.
+void StaticProtocol::solve_held(Path& path, Condition& condition, const Params& p, const std::vector<int>& free,
+                                Grip& grip) const {
+  for (;;) {
+    path.held_equilibrium.reset();
+    path.held_model = std::make_unique<Model>(*scene_.model, std::make_unique<Grip>(grip));
+    path.held_equilibrium = std::make_unique<Equilibrium>(*path.held_model, options_.equilibrium);
+    solve_condition(condition, p, free, *path.held_equilibrium);
+    if (condition.report.status != SolveStatus::converged) return;
+    const int before = grip.count();
+    grip.drop_open(condition.u);
+    if (grip.count() == before) return;
+  }
+}
+
 void StaticProtocol::solve_path(Path& path, const Params& p, const std::vector<int>& free) {
   if (options_.history) return solve_history(path, p, free);
   path.cost = 0;
   if (!path.equilibrium) path.equilibrium = std::make_unique<Equilibrium>(*scene_.model, options_.equilibrium);
+  std::map<int, Grip> grips;  // what sticks at each condition, with Options::sticks
   for (int c : path.conditions) {
     Condition& condition = conditions_[static_cast<size_t>(c)];
     const Condition* parent = condition.parent < 0 ? nullptr : &conditions_[static_cast<size_t>(condition.parent)];
+    const auto found = grips.find(condition.parent);
+    std::optional<Grip> grip;
+    if (found != grips.end()) grip = found->second;
+    condition.held = grip && grip->count() > 0;
     if (parent != nullptr && parent->report.status != SolveStatus::converged) {
       condition.report = {};
       condition.report.status = parent->report.status;
       condition.report.not_tried = true;
+    } else if (condition.held) {
+      solve_held(path, condition, p, free, *grip);
     } else {
       solve_condition(condition, p, free, *path.equilibrium);
+    }
+    if (options_.sticks != nullptr && condition.report.status == SolveStatus::converged) {
+      const Point here{condition.u, condition.p};
+      if (!grip) grip.emplace(scene_.model->mesh(), *options_.sticks, here);
+      grip->add_touching(scene_.model->mesh(), *options_.sticks, here);
+      grips.emplace(c, *std::move(grip));
     }
     // What was chosen on the way to where it starts holds for it too.
     if (parent != nullptr && condition.report.side.empty()) condition.report.side = parent->report.side;

@@ -6,6 +6,7 @@
 
 #include "calib/data/trials.hpp"
 #include "calib/fit/protocol.hpp"
+#include "sim/contact/grip.hpp"
 #include "sim/model/channel.hpp"
 #include "sim/scene/scene.hpp"
 #include "sim/solve/quasi_statics.hpp"
@@ -47,6 +48,9 @@ class StaticProtocol final : public Protocol {
     std::vector<int> set_first;  ///< positions among `controls` of those that a path sets before the others
     bool from_unloaded = false;  ///< displacements are measured from the state before the loads, not from rest
     bool history = false;        ///< the model remembers: rows are replayed along the bench's own history
+    /// Of the scene: what touches in a state cannot slide in those that start from it, by a Grip, until it opens; null:
+    /// it slides freely. Derivatives leave out how the former states depend on parameters.
+    const Contact* sticks = nullptr;
   };
 
   /// `controls` are table indices of the loads that rows set, `switched_off_at_rest` further ones (gravity) that the
@@ -96,6 +100,7 @@ class StaticProtocol final : public Protocol {
     Eigen::MatrixXd sensitivities;    ///< du/dp of the parameters that were asked for last
     std::vector<int> sensitivity_of;  ///< which those are
     SolveReport report;
+    bool held = false;  ///< something touches in the state that it starts from, and cannot slide (Options::sticks)
     double smallest_jacobian = 0;  ///< over quadrature points and nodes, after the last solve
     double seconds = 0;            ///< along a history: for how long it lasts before it is read
     std::vector<double> read;      ///< along a history: what each of `rows` reads there,
@@ -113,6 +118,9 @@ class StaticProtocol final : public Protocol {
     std::vector<int> conditions;  ///< in the order in which they are solved
     double cost = 0;              ///< factorisations of its last solve, before the first one a guess
     std::unique_ptr<Equilibrium> equilibrium;
+    /// While the loads hang on what sticks: the model with a Grip.
+    std::unique_ptr<Model> held_model = {};
+    std::unique_ptr<Equilibrium> held_equilibrium = {};
   };
   /// Another equilibrium of a condition, and where loads that grow make the state jump.
   struct Other {
@@ -137,6 +145,7 @@ class StaticProtocol final : public Protocol {
   void read_along(Condition& condition, const QuasiStatics& statics) const;
   bool held_when_unloaded(int index) const;
   void solve_path(Path& path, const Params& p, const std::vector<int>& free);
+  void solve_held(Path& path, Condition& condition, const Params& p, const std::vector<int>& free, Grip& grip) const;
   void solve_condition(Condition& condition, const Params& p, const std::vector<int>& free,
                        Equilibrium& equilibrium) const;
   Eigen::VectorXd predicted_change(const Condition& condition, const Params& to) const;

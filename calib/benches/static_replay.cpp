@@ -64,6 +64,7 @@ StaticReplay make_static_replay(const Experiment& experiment, const MeshSettings
       options.set_first.push_back(static_cast<int>(k));
   }
   options.equilibrium.check_path = !options.set_first.empty();
+  if (experiment.contact.sticks) options.sticks = model.contact;
   bench.protocol = std::make_unique<StaticProtocol>(std::move(model.scene), std::move(model.channels), model.controls,
                                                     model.off_at_rest, bench.rows, options);
   return bench;

@@ -287,6 +287,7 @@ void read_contact(TableReader table, Experiment& experiment) {
   } else if (table.has("stiffness")) {
     table.fail("stiffness", "the barrier's stiffness is set from materials and loads; only the pair sums take one");
   }
+  contact.bracketed = table.choice<bool>("friction", {{"none", false}, {"bracket", true}});
   read_surroundings(table, 2, contact);
   table.finish();
 }
@@ -408,6 +409,23 @@ void refuse_without_effect(const Experiment& experiment) {
         "{}: [cables] friction: the model \"{}\" has no friction of cables, so it would have no effect; set "
         "model = \"rod\", or leave 'friction' and the free parameter 'cable_friction' out",
         experiment.path, name_of(experiment.model)));
+  const bool elements =
+      experiment.model != Rung::beam && experiment.model != Rung::rod && experiment.model != Rung::automatic;
+  if (experiment.contact.bracketed) {
+    const std::string where = experiment.path + ": [contact] friction = \"bracket\": ";
+    if (experiment.model != Rung::full && experiment.model != Rung::rigid_segments)
+      throw InputError(where + fmt::format("the model \"{}\" has no lips that could stick; set model = \"full\" or "
+                                           "\"rigid_segments\", or leave it out",
+                                           name_of(experiment.model)));
+    if (!experiment.kind->at_rest || experiment.cables.columns.empty() || experiment.has_specimens())
+      throw InputError(where +
+                       "it compares readings at rest of one specimen that is closed by a 'retraction' of its "
+                       "cables before loads hang; leave it out");
+  }
+  if (!experiment.studs.studs.empty() && !elements)
+    throw InputError(fmt::format(
+        "{}: [[stud]] '{}': the model \"{}\" has no play of studs; set model = \"full\", or leave the studs out",
+        experiment.path, experiment.studs.studs.front().id, name_of(experiment.model)));
   const bool zero = std::any_of(experiment.free.begin(), experiment.free.end(),
                                 [](const FreeSettings& free) { return free.id.starts_with("zero_"); });
   if (!experiment.zero_offset_per.empty() && !zero) {
@@ -440,6 +458,7 @@ void read_specimen(TableReader& root, Experiment& experiment) {
   for (TableReader& table : root.tables("load"))
     experiment.loads.push_back(read_load(table, experiment, Language::bench));
   if (auto cables = root.optional_table("cables")) read_cables(*cables, experiment);
+  read_studs(root, experiment, Language::bench);
   std::vector<BenchFormat::Control>& controls = experiment.bench.controls;
   for (const LoadSettings& load : experiment.loads) {
     if (!load.column.empty()) controls.push_back({load.id, load.column, {load.quantity}});
@@ -452,12 +471,12 @@ void read_specimen(TableReader& root, Experiment& experiment) {
     controls.push_back({id, column, {Quantity::force, Quantity::torque}, true});
   experiment.contact.on = experiment.geometry.shape->defaults().contact;
   if (auto contact = root.optional_table("contact")) read_contact(*contact, experiment);
-  const bool may_be_held =
-      !experiment.cables.cables.empty() || !experiment.contact.grounds.empty() || !experiment.contact.obstacles.empty();
+  const bool may_be_held = !experiment.cables.cables.empty() || !experiment.studs.studs.empty() ||
+                           !experiment.contact.grounds.empty() || !experiment.contact.obstacles.empty();
   if (experiment.supports.empty() && !may_be_held) {
     root.fail("",
-              "there is no support; add [[support]] with on = \"TAG\" and fix = [\"x\", \"y\"], or cables or grounds "
-              "that hold the body");
+              "there is no support; add [[support]] with on = \"TAG\" and fix = [\"x\", \"y\"], or cables, studs or "
+              "grounds that hold the body");
   }
   for (TableReader& table : root.tables("channel")) read_channel(table, experiment);
   for (TableReader& table : root.tables("marker")) read_marker(table, experiment);

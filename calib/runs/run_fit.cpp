@@ -266,6 +266,9 @@ class Run {
       if (bench_.experiment().robust && record_.fit.status == FitStatus::converged)
         stage("the robust fit", [&] { fit_robustly(); });
       if (shares_wanted()) stage("the shares of what was assumed", [&] { find_shares(); });
+      if (bench_.experiment().contact.bracketed && record_.fit.status == FitStatus::converged &&
+          record_.fit.followed.empty())
+        stage("the friction of the lips", [&] { bracket_friction(); });
       if (bench_.experiment().diagnostic && bench_.one_model()) diagnose();
     }
     if (!bench_.one_model())
@@ -372,6 +375,18 @@ class Run {
       shares.push_back(std::move(share));
     if (stopped()) return;
     record_.shares = std::move(shares);
+    add_up();
+  }
+
+  void bracket_friction() {
+    std::optional<LipFriction> found = lip_friction(bench_, record_.fit, asking("friction"));
+    if (stopped()) return;
+    if (!found) {
+      record_.remarks.emplace_back("friction of the lips: no row closes, so that it changes nothing");
+      return;
+    }
+    record_.lip_friction = std::move(found->rows);
+    record_.shares.push_back(std::move(found->share));
     add_up();
   }
 

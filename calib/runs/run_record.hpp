@@ -12,6 +12,7 @@
 #include "calib/runs/equilibria.hpp"
 #include "calib/runs/shapes.hpp"
 #include "calib/studies/assumption_shares.hpp"
+#include "calib/studies/lip_friction.hpp"
 
 namespace taut {
 
@@ -125,7 +126,8 @@ struct RunRecord {
   std::vector<Explanation> explanations;  ///< of the misfit, best first; most are none (telling())
   std::vector<HeldOut> held_out;          ///< each value of a held control; none where there is no such
   RobustRecord robust;
-  std::vector<Share> shares;  ///< of what was assumed in fit.parameters; empty: not asked for
+  std::vector<Share> shares;              ///< of what was assumed in fit.parameters; empty: not asked for
+  std::vector<FrictionRow> lip_friction;  ///< rows of closed modules; empty: not asked for, or none closes
   std::vector<ReadingRecord> readings;
   std::vector<CurveRecord> curves;
   std::vector<ShapeRecord> shapes;

@@ -211,6 +211,7 @@ void print_fit(const RunRecord& record) {
     if (rows.has_to_be_said()) fmt::print("{}\n", rows.text);
   }
   if (const std::string parts = held_out_text(record); !parts.empty()) fmt::print("{}\n", parts);
+  if (const std::string friction = friction_text(record); !friction.empty()) fmt::print("{}\n", friction);
   print_explanations(record);
   print_robust(record);
   for (const DiagnosticRecord& diagnostic : record.diagnostics) {

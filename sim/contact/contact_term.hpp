@@ -53,6 +53,7 @@ class SurfaceContact : public Term {
   /// states that touch. Always 1 for the penalty.
   double step_limit(const Point& at, const Eigen::VectorXd& step) const override;
 
+  const Settings& settings() const;  ///< as they were given, the grounds' normals of unit length
   /// Pairs closer than dhat, sorted by their numbers. `brute_force` looks at all pairs (for tests).
   std::vector<Pair> active_pairs(const Point& at, bool brute_force = false) const;
   /// Smallest distance [m] between features that share no node, or a node and a ground (negative behind it), looked for

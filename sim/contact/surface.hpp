@@ -321,6 +321,11 @@ double SurfaceContact<Surface, Settings, Pair>::step_limit(const Point& at, cons
 }
 
 template <class Surface, class Settings, class Pair>
+const Settings& SurfaceContact<Surface, Settings, Pair>::settings() const {
+  return surface_->settings;
+}
+
+template <class Surface, class Settings, class Pair>
 std::vector<Pair> SurfaceContact<Surface, Settings, Pair>::active_pairs(const Point& at, bool brute_force) const {
   return surface_->active_pairs(surface_->state(at.u), at.p[surface_->settings.gap], brute_force);
 }

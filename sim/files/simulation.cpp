@@ -353,6 +353,7 @@ void read_tables(TableReader& root, Simulation& simulation) {
   for (TableReader& table : root.tables("control")) read_control(table, simulation);
   for (TableReader& table : root.tables("cable")) read_cable(table, simulation);
   for (TableReader& table : root.tables("joint")) read_joint(table, simulation);
+  read_studs(root, simulation, Language::simulation);
   for (TableReader& table : root.tables("load"))
     simulation.loads.push_back(read_load(table, simulation, Language::simulation));
   if (auto contact = root.optional_table("contact")) read_contact(*contact, simulation);
@@ -366,8 +367,8 @@ void read_tables(TableReader& root, Simulation& simulation) {
   if (auto ik = root.optional_table("ik")) read_ik(*ik, simulation);
   refuse_repeated(simulation.path,
                   {ids_of(simulation.controls), ids_of(simulation.cables.cables), ids_of(simulation.joints),
-                   ids_of(simulation.loads), ids_of(simulation.channels), own_series},
-                  "controls, cables, joints, loads and channels");
+                   ids_of(simulation.studs.studs), ids_of(simulation.loads), ids_of(simulation.channels), own_series},
+                  "controls, cables, joints, studs, loads and channels");
   refuse_without_effect(simulation);
 }
 

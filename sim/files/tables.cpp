@@ -221,6 +221,56 @@ LoadSettings read_load(TableReader& table, const Setup& setup, Language language
   return load;
 }
 
+void read_studs(TableReader& root, Setup& setup, Language language) {
+  StudsSettings& all = setup.studs;
+  if (auto shared = root.optional_table("studs")) {
+    all.clearance = shared->optional_quantity("clearance", Quantity::length);
+    if (all.clearance.value_or(0) < 0) shared->fail("clearance", "a clearance is a length of zero or more");
+    all.stiffness = shared->optional_positive("stiffness", Quantity::stiffness, "stiffness");
+    all.smoothing = shared->optional_quantity("smoothing", Quantity::length).value_or(all.smoothing);
+    if (all.smoothing < 0) shared->fail("smoothing", "a length of zero or more belongs here");
+    shared->finish();
+  }
+  const bool bench = language == Language::bench;
+  const auto read_place = [&](TableReader& table, std::string_view tag, std::string_view point, std::string& on,
+                              std::vector<double>& at) {
+    if (bench && table.has(tag) && table.has(point))
+      table.fail(point, fmt::format("give either '{}' (a tag) or '{}' as the place", tag, point));
+    if (bench && table.has(point))
+      at = table.quantities(point, Quantity::length, static_cast<size_t>(setup.dimension));
+    else
+      on = table.text(tag);
+  };
+  for (TableReader& table : root.tables("stud")) {
+    StudSettings stud;
+    stud.id = table.text("id");
+    for (const StudSettings& other : all.studs) {
+      if (other.id == stud.id)
+        table.fail("id", fmt::format("the stud '{}' is there already; choose another id", stud.id));
+    }
+    read_place(table, "on", "point", stud.on, stud.point);
+    if (table.has("hole_on") || (bench && table.has("hole_point")))
+      read_place(table, "hole_on", "hole_point", stud.hole_on, stud.hole_point);
+    stud.direction = direction_of(table, setup.dimension);
+    stud.clearance = table.optional_quantity("clearance", Quantity::length);
+    if (stud.clearance.value_or(0) < 0) table.fail("clearance", "a clearance is a length of zero or more");
+    stud.stiffness = table.optional_positive("stiffness", Quantity::stiffness, "stiffness");
+    if (!stud.clearance && !all.clearance)
+      table.fail("", "it has no clearance; add clearance = \"0.1 mm\" to it, or to [studs] for all");
+    if (!stud.stiffness && !all.stiffness)
+      table.fail("", "it has no stiffness; add stiffness = \"200 kN/m\" to it, or to [studs] for all");
+    table.finish();
+    all.studs.push_back(std::move(stud));
+  }
+  const auto has_none = [&](auto member) {
+    return std::ranges::any_of(all.studs, [&](const StudSettings& stud) { return !(stud.*member).has_value(); });
+  };
+  if ((all.clearance && !has_none(&StudSettings::clearance)) || (all.stiffness && !has_none(&StudSettings::stiffness)))
+    throw InputError(fmt::format(
+        "{}: [studs]: no [[stud]] is governed by what stands there; add one without its own, or leave it out",
+        setup.path));
+}
+
 void read_cable_law(TableReader& table, CableLaw& law, bool takes_EA) {
   if (takes_EA) law.EA = table.optional_positive("EA", Quantity::force, "stiffness");
   if (takes_EA && law.EA.has_value() == table.has("k"))

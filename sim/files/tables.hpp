@@ -64,6 +64,9 @@ HeaderUnit column_unit(const Setup& setup, const std::string& column, const std:
 /// [[load]] to its end. At a bench it may be at a point, and its value may be a column's; in a simulation a control's.
 LoadSettings read_load(TableReader& table, const Setup& setup, Language language);
 
+/// [studs] and all [[stud]]. At a bench a place may be a point; in a simulation it is a tag.
+void read_studs(TableReader& root, Setup& setup, Language language);
+
 /// Keys k or EA, slack and smoothing.
 void read_cable_law(TableReader& table, CableLaw& law, bool takes_EA);
 /// Keys x, y(, z) and fixed of a cable; `fixed` are the words for the latter, the first is the fallback.

@@ -1,6 +1,7 @@
 #include "sim/model/model.hpp"
 
 #include <algorithm>
+#include <iterator>
 #include <stdexcept>
 
 #include "sim/core/sorted.hpp"
@@ -11,7 +12,7 @@ Model::Model(Mesh mesh, ParameterTable parameters, std::vector<std::unique_ptr<T
              std::vector<Support> supports, std::vector<Body> bodies, std::vector<LooseBody> loose)
     : mesh_(std::move(mesh)),
       parameters_(std::move(parameters)),
-      terms_(std::move(terms)),
+      terms_(std::make_move_iterator(terms.begin()), std::make_move_iterator(terms.end())),
       supports_(std::move(supports)),
       bodies_(std::move(bodies)),
       loose_(std::move(loose)) {
@@ -28,6 +29,13 @@ Model::Model(Mesh mesh, ParameterTable parameters, std::vector<std::unique_ptr<T
     free_index_[i] = static_cast<int>(free_.size());
     free_.push_back(i);
   }
+  build_pattern();
+}
+
+Model::Model(const Model& base, std::unique_ptr<Term> more) : Model(base) {
+  terms_.push_back(std::move(more));
+  slots_.clear();
+  pattern_ = {};
   build_pattern();
 }
 

@@ -70,6 +70,9 @@ class Model {
   Model(Mesh mesh, ParameterTable parameters, std::vector<std::unique_ptr<Term>> terms, std::vector<Support> supports,
         std::vector<Body> bodies = {}, std::vector<LooseBody> loose = {});
 
+  /// `base` with one more term, all else shared or copied.
+  Model(const Model& base, std::unique_ptr<Term> more);
+
   const Mesh& mesh() const { return mesh_; }                         ///< at rest
   const ParameterTable& parameters() const { return parameters_; }   ///< all numbers that it depends on
   int unknowns() const { return static_cast<int>(mesh_.X.size()); }  ///< all displacement components
@@ -125,7 +128,7 @@ class Model {
 
   Mesh mesh_;
   ParameterTable parameters_;
-  std::vector<std::unique_ptr<Term>> terms_;
+  std::vector<std::shared_ptr<const Term>> terms_;  ///< shared with models of one more
   std::vector<Support> supports_;
   std::vector<Body> bodies_;
   std::vector<LooseBody> loose_;

@@ -98,6 +98,8 @@ class Assembler {
       built_.joints.push_back(
           at(setup_, fmt::format("[[joint]] '{}'", joint.id), [&] { return builder_.add_joint(joint, angle); }));
     }
+    for (const StudSettings& stud : setup_.studs.studs)
+      at(setup_, fmt::format("[[stud]] '{}'", stud.id), [&] { add_stud(stud); });
     if (setup_.contact.on && !setup_.contact.idle) at(setup_, "[contact]", [&] { add_contact(); });
     if (options_.declare) options_.declare(builder_);
     built_.scene = at(setup_, "the model", [&] { return builder_.build(options_.free_bodies); });
@@ -341,6 +343,43 @@ class Assembler {
       at(setup_, "[cables]", [&] { declare_shared_law(shared_k, shared_slack); });
     for (const CableSettings& cable : setup_.cables.cables)
       at(setup_, fmt::format("{} '{}'", cable.own ? "[[cable]]" : "cable", cable.id), [&] { add(cable); });
+  }
+
+  /// Weights of the displacement of a tag or a point along a direction; none of either: fixed in space.
+  Eigen::VectorXd place_weights(const std::string& tag, const std::vector<double>& point,
+                                const Eigen::VectorXd& direction) const {
+    const Mesh& mesh = builder_.mesh();
+    if (!tag.empty()) return mean_weights(mesh, mesh.select(tag), direction);
+    if (point.empty()) return Eigen::VectorXd::Zero(mesh.X.size());
+    return point_weights(mesh, locate(mesh, vector_of(point)), direction.normalized());
+  }
+
+  /// The parameter of all studs, declared with the first one that has none of its own, or that one's own.
+  int stud_parameter(const std::optional<double>& own, const std::optional<double>& shared, ParameterSpec spec,
+                     const std::string& own_id, const std::string& id) {
+    if (!own && builder_.parameters().contains(spec.id)) return index_of(spec.id);
+    if (own) {
+      spec.id = own_id;
+      spec.meaning += " of " + id;
+    }
+    return builder_.declare(std::move(spec), own ? *own : shared.value());
+  }
+
+  void add_stud(const StudSettings& stud) {
+    const StudsSettings& all = setup_.studs;
+    const Eigen::VectorXd direction = vector_of(stud.direction);
+    Play play;
+    play.apart =
+        place_weights(stud.on, stud.point, direction) - place_weights(stud.hole_on, stud.hole_point, direction);
+    play.stiffness = stud_parameter(stud.stiffness, all.stiffness,
+                                    {"k_stud", "k", "N/m", 1e-3, 1e12, "stiffness of studs in their holes", true},
+                                    "k_" + stud.id, stud.id);
+    play.clearance = stud_parameter(stud.clearance, all.clearance,
+                                    {"clearance", "c", "m", 0, 0.1, "clearance of studs in their holes"},
+                                    "clearance_" + stud.id, stud.id);
+    play.smoothing = all.smoothing;
+    play.share = setup_.share();
+    builder_.add_play(play);
   }
 
   /// The pressure at which two faces rest half a contact gap apart, region by region; fixed for a run. Too small, and

@@ -261,11 +261,27 @@ void SceneBuilder::add_point_mass(const std::string& tag, int mass) {
 }
 
 void SceneBuilder::add_cable(const Cable& cable) {
-  std::vector<int>& nodes = cables_.emplace_back();
+  std::vector<int>& nodes = ties_.emplace_back();
   for (const CablePoint& point : cable.points)
     nodes.push_back(point.material.nodes.empty() ? -1 : point.material.nodes.front());
   if (cable.tension < 0) return terms_.push_back(make_cable(mesh_, cable));
   for (std::unique_ptr<Term>& piece : make_held_cable(mesh_, cable)) terms_.push_back(std::move(piece));
+}
+
+void SceneBuilder::add_play(const Play& play) {
+  std::vector<int>& nodes = ties_.emplace_back();
+  const int d = mesh_.dimension();
+  double resting = 0;  // weights of all places that move; their sum is zero between two of them
+  Eigen::VectorXd sum = Eigen::VectorXd::Zero(d);
+  for (int node = 0; node < mesh_.node_count(); ++node) {
+    const auto weight = play.apart.segment(node * d, d);
+    if (weight.isZero(0)) continue;
+    nodes.push_back(node);
+    sum += weight;
+    resting = std::max(resting, weight.norm());
+  }
+  if (sum.norm() > 1e-9 * resting) nodes.push_back(-1);
+  terms_.push_back(make_play(mesh_, play));
 }
 
 Joint SceneBuilder::add_joint(const JointSettings& settings, int angle) {
@@ -397,11 +413,11 @@ const Contact3d& SceneBuilder::add_contact_3d(double gap, const std::map<std::st
   return add_surface<Contact3d>(std::move(settings), gap, pressures, "Pa");
 }
 
-/// Whether cables to something else, or contact, may hold a part.
+/// Whether cables or studs to something else, or contact, may hold a part.
 bool SceneBuilder::may_be_held(const std::vector<int>& part, int which) const {
   const auto on_it = [&](int node) { return node >= 0 && part[static_cast<size_t>(node)] == which; };
-  return touches_others_ || std::any_of(cables_.begin(), cables_.end(), [&](const std::vector<int>& cable) {
-           return std::any_of(cable.begin(), cable.end(), on_it) && !std::all_of(cable.begin(), cable.end(), on_it);
+  return touches_others_ || std::any_of(ties_.begin(), ties_.end(), [&](const std::vector<int>& tie) {
+           return std::any_of(tie.begin(), tie.end(), on_it) && !std::all_of(tie.begin(), tie.end(), on_it);
          });
 }
 

@@ -13,6 +13,7 @@
 #include "sim/terms/cable.hpp"
 #include "sim/terms/inertia.hpp"
 #include "sim/terms/joint.hpp"
+#include "sim/terms/play.hpp"
 #include "sim/terms/solid.hpp"
 
 namespace taut {
@@ -86,6 +87,8 @@ class SceneBuilder {
   void add_term(std::unique_ptr<Term> term) { terms_.push_back(std::move(term)); }
   /// A cable by the table indices in it.
   void add_cable(const Cable& cable);
+  /// A stud in its hole by the table indices in it.
+  void add_play(const Play& play);
   /// A joint between two parts, or of one with the world, after their materials. Declares "k_<id>" [N/m] and, with a
   /// motor and without the table index of its `angle` [rad], that as "<id>". The stiffness that is taken from the
   /// bodies is ten times the larger modulus times the thickness (3D: the length of the axis): a load that strains a
@@ -107,8 +110,8 @@ class SceneBuilder {
 
   /// The finished scene. Parts that joints connect count as one body, and the world's joints as its supports, a free
   /// pin for what it holds. Throws InputError when a region has no material or, unless bodies may move freely because
-  /// their inertia holds them in each time step, the supports leave a rigid motion free of a body that neither cables
-  /// nor contact reach; whether these hold the others is found with the equilibrium (Model::loose_bodies()).
+  /// their inertia holds them in each time step, the supports leave a rigid motion free of a body that neither cables,
+  /// studs nor contact reach; whether these hold the others is found with the equilibrium (Model::loose_bodies()).
   Scene build(bool free_bodies = false);
 
  private:
@@ -135,9 +138,10 @@ class SceneBuilder {
   std::vector<double> stiffness_;  ///< per region: its Young's modulus at small strain [Pa], 0 without a material
   std::vector<bool> rigid_;        ///< per region
   std::map<int, Support> supports_;
-  std::vector<int> clamped_;              ///< nodes of elastic clamps
-  std::vector<std::vector<int>> cables_;  ///< of each a node at each of its points; -1: fixed in the world
-  bool touches_others_ = false;           ///< there is contact, with grounds, obstacles or other parts
+  std::vector<int> clamped_;  ///< nodes of elastic clamps
+  /// Of each cable a node at each of its points, of each stud those that it holds; -1: fixed in the world.
+  std::vector<std::vector<int>> ties_;
+  bool touches_others_ = false;  ///< there is contact, with grounds, obstacles or other parts
   std::vector<Joint> joints_;
   std::vector<std::array<int, 2>> joined_;  ///< parts that a joint connects, by their places in the mesh's list
 };

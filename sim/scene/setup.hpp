@@ -93,6 +93,24 @@ struct CablesSettings : CableLaw {
   std::optional<EyeletLine> line;                      ///< where cables begin that have a line of their own
 };
 
+/// A stud and its hole, between which there is play along one direction.
+struct StudSettings {
+  std::string id;
+  std::string on;                  ///< tag that the stud is on, or
+  std::vector<double> point;       ///< its rest position [m]
+  std::string hole_on;             ///< tag that the hole is in, or
+  std::vector<double> hole_point;  ///< its rest position [m]; without both it is fixed in space
+  std::vector<double> direction;
+  std::optional<double> clearance, stiffness;  ///< of its own, as "clearance_<id>" [m] and "k_<id>" [N/m]
+};
+
+/// All studs, and the "clearance" and "k_stud" of those that have none of their own.
+struct StudsSettings {
+  std::optional<double> clearance, stiffness;  ///< [m], [N/m]
+  double smoothing = 2e-6;                     ///< [m]
+  std::vector<StudSettings> studs;
+};
+
 /// A revolute joint between two bodies. Points are in the rest configuration [m] and on both bodies.
 struct JointSettings {
   std::string id;            ///< of the angle and, as "k_<id>", of the stiffness in the parameter table
@@ -127,7 +145,9 @@ struct GroundSettings {
 /// [contact]: on for push_puppet, elsewhere when the table is there.
 struct SurfaceSettings {
   bool on = false;
-  bool idle = false;  ///< nothing touches: the mesh is made for contact, but none is looked for
+  bool idle = false;       ///< nothing touches: the mesh is made for contact, but none is looked for
+  bool bracketed = false;  ///< a fit says what friction, of which there is none, could change at most
+  bool sticks = false;     ///< a bench's points that touch cannot slide when more load is hung, see Grip
   ContactForm form = ContactForm::length_weighted;
   double gap = 0;                          ///< distance at which it sets in [m]; 0: that of the mesh's settings
   std::map<std::string, double> pressure;  ///< region to barrier stiffness [Pa]; missing: from materials and loads
@@ -169,6 +189,7 @@ struct Setup {
   std::vector<LoadSettings> loads;
   CablesSettings cables;
   std::vector<JointSettings> joints;
+  StudsSettings studs;
   SurfaceSettings contact;
   std::vector<ChannelSettings> channels;
 

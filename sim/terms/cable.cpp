@@ -8,6 +8,7 @@
 #include "sim/core/error.hpp"
 #include "sim/core/sorted.hpp"
 #include "sim/model/node_set.hpp"
+#include "sim/terms/one_sided.hpp"
 
 namespace taut {
 namespace {
@@ -135,11 +136,7 @@ class TautPath : public Path {
         per_control_(held_ ? cable.per_control : 1),
         smoothing_(cable.smoothing) {}
 
-  /// The energy and its derivatives with respect to the elongation.
-  struct Law {
-    double energy = 0, tension = 0, rate = 0;
-    Law operator*(double factor) const { return {factor * energy, factor * tension, factor * rate}; }
-  };
+  using Law = OneSided;
   Law law(const Point& at) const { return unit_law(at) * factor(at.p); }
 
   bool depends_on(int index) const {
@@ -167,10 +164,7 @@ class TautPath : public Path {
     if (held_) return {e, 1, 0};
     if (slack_ >= 0) e -= at.p[slack_];
     if (retraction_ >= 0) e += at.p[retraction_];
-    const double z = e + 0.5 * smoothing_;
-    if (z <= 0) return {};
-    if (z < smoothing_) return {z * z * z / (6 * smoothing_), z * z / (2 * smoothing_), z / smoothing_};
-    return {0.5 * e * e + smoothing_ * smoothing_ / 24, e, 1};
+    return {e, smoothing_};
   }
 
   bool held_;

@@ -1,5 +1,6 @@
 #include "calib/benches/uniaxial.hpp"
 
+#include "calib/benches/material_point_bench.hpp"
 #include "calib/files/experiment.hpp"
 #include "sim/materials/neo_hookean.hpp"
 #include "tests/support/experiment_files.hpp"
@@ -110,6 +111,89 @@ TEST(Uniaxial, WrongConstantsAreRefused) {
       {"nu_foam = 0.6", "physical range"});
 }
 
+TEST(Softening, IsTheTabulatedOneAndNoneOnFirstLoading) {
+  EXPECT_NEAR(Softening({3, 1, 0}, 0, 1).eta, 0.71910, 5e-6);
+  EXPECT_EQ(Softening({3, 1, 0}, 1, 1).eta, 1.0);
+  EXPECT_EQ(Softening({3, 1, 0.5}, 2, 2).eta, 1.0);
+  EXPECT_NEAR(Softening({3, 1, 0}, 0, 100).eta, 1 - 1.0 / 3, 1e-15) << "at most 1 / r is lost";
+}
+
+/// First loading and unloading in tension and shear, with softening where it is asked for.
+UniaxialProtocol softening(const std::optional<Mullins>& law, bool unloading = true) {
+  std::vector<PointRow> cycle;
+  for (const PointMode mode : {PointMode::tension, PointMode::shear}) {
+    for (const double strain : {0.1, 0.2, 0.3, 0.4}) cycle.push_back({mode, strain, strain - 0.1});
+    for (const double strain : {0.3, 0.2, 0.1}) {
+      if (unloading) cycle.push_back({mode, strain, 0.4});
+    }
+  }
+  return {"foam", "ogden_hill", {{"E", 1.0}, {"nu", 0.2}, {"alpha", 7}}, cycle, law};
+}
+
+TEST(Uniaxial, SofteningScalesTheStressOfUnloadingAndLeavesFirstLoadingAsItIs) {
+  UniaxialProtocol with = softening(Mullins{2, 0.02, 0.1}), without = softening({});
+  const Eigen::VectorXd soft = with.predict(with.nominal(), {}).values,
+                        hard = without.predict(without.nominal(), {}).values;
+  for (const Eigen::Index first : {0, 7}) {
+    EXPECT_EQ(soft.segment(first, 4), hard.segment(first, 4));
+    for (Eigen::Index r = first + 4; r < first + 7; ++r) {
+      EXPECT_LT(soft[r], hard[r]);
+      EXPECT_GT(soft[r], 0.5 * hard[r]);
+    }
+    EXPECT_LT(soft[first + 6] / hard[first + 6], soft[first + 4] / hard[first + 4])
+        << "more the farther it is unloaded";
+  }
+}
+
+TEST(Uniaxial, DerivativesGoThroughTheSofteningWithSlopeTwo) {
+  UniaxialProtocol protocol = softening(Mullins{2, 0.02, 0.1});
+  const Params p = protocol.nominal();
+  std::vector<int> free;
+  for (int i = 0; i < p.size(); ++i) free.push_back(i);
+  const Prediction here = protocol.predict(p, free);
+  for (int i : free) {
+    expect_taylor_order(
+        [&](double h) {
+          Params moved = p;
+          moved[i] += h;
+          return (protocol.predict(moved, {}).values - here.values - h * here.derivatives.col(i)).norm();
+        },
+        2, 1e-13, 0.1 * p[i], 6, protocol.parameters()[i].id);
+  }
+}
+
+/// A fit of E, r and m to what a softening foam reads with an error of 1 % of 0.1.
+FitResult fit_softening(bool unloading) {
+  UniaxialProtocol truth = softening(Mullins{2, 0.02, 0}, unloading),
+                   protocol = softening(Mullins{3, 0.05, 0}, unloading);
+  const Eigen::VectorXd readings = truth.predict(truth.nominal(), {}).values;
+  std::vector<Measurement> measurements;
+  for (int r = 0; r < readings.size(); ++r) measurements.push_back({r, readings[r], 1e-3, r});
+  const ParameterTable& table = protocol.parameters();
+  return fit(protocol, measurements,
+             {{0, 0.5, 1e-2, 1e2},
+              {table.index("mullins_r_foam"), 3, 1.05, 20},
+              {table.index("mullins_m_foam"), 0.05, 1e-4, 1}});
+}
+
+TEST(Uniaxial, PlantedSofteningIsFoundAgainFromLoadingAndUnloading) {
+  const FitResult result = fit_softening(true);
+  ASSERT_EQ(result.status, FitStatus::converged);
+  EXPECT_NEAR(result.parameters[0].value, 1.0, 1e-4);
+  EXPECT_NEAR(result.parameters[1].value, 2.0, 1e-3);
+  EXPECT_NEAR(result.parameters[2].value, 0.02, 2e-5);
+  for (const ParameterEstimate& e : result.parameters) EXPECT_NE(e.verdict, Verdict::tied) << e.spec.id;
+}
+
+TEST(Uniaxial, FirstLoadingAloneDeterminesNoSoftening) {
+  const FitResult result = fit_softening(false);
+  EXPECT_EQ(result.parameters[0].verdict, Verdict::well_determined);
+  for (const size_t j : {1u, 2u}) {
+    EXPECT_NE(result.parameters[j].verdict, Verdict::well_determined) << result.parameters[j].spec.id;
+    EXPECT_NE(result.parameters[j].verdict, Verdict::weakly_determined) << result.parameters[j].spec.id;
+  }
+}
+
 /// Writes an experiment and its bench, one line replaced at wish.
 std::string written(
     const TemporaryFolder& folder, const std::string& from = "", const std::string& to = "",
@@ -167,6 +251,33 @@ TEST(Uniaxial, ExperimentFilesAreRead) {
   EXPECT_NEAR(free[0].start, 9e4, 1e-9);
 }
 
+TEST(Uniaxial, SofteningIsReadWithTheOrderInWhichASpecimenWasStrained) {
+  const TemporaryFolder folder;
+  const auto read = [&](const std::string& order, const std::string& bench) {
+    const std::string path = written(folder, "alpha = 8\n[bench]\n",
+                                     "alpha = 8\nmullins = { r = 2, m = \"5 kPa\" }\n[bench]\n" + order, bench);
+    const Experiment experiment = read_experiment(path);
+    EXPECT_EQ(point_settings(experiment).mullins->m, 5e3);
+    return make_point_replay(experiment.bench, read_trials(experiment.bench), true);
+  };
+  const PointReplay as_it_stands = read("", "mode,strain_%,stress_kPa\ntension,10,9\ntension,20,15\ntension,10,7\n");
+  ASSERT_EQ(as_it_stands.rows.size(), 3u);
+  EXPECT_EQ(as_it_stands.rows[0].peak, 0.0);
+  EXPECT_EQ(as_it_stands.rows[1].peak, 0.0) << "less than it";
+  EXPECT_NEAR(as_it_stands.rows[2].peak, 0.2, 1e-15);
+  const PointReplay ordered = read("trial = \"piece\"\norder = \"n_1\"\n",
+                                   "piece,n_1,mode,strain_%,stress_kPa\na,3,tension,10,7\na,1,tension,10,9\n"
+                                   "a,2,tension,20,15\nb,1,tension,10,9\nb,2,compression,-5,-5\n");
+  ASSERT_EQ(ordered.rows.size(), 4u) << "first loading of both pieces is one row";
+  EXPECT_NEAR(ordered.rows[0].peak, 0.2, 1e-15);
+  EXPECT_EQ(ordered.rows[1].peak, 0.0);
+  EXPECT_EQ(ordered.rows[3].peak, 0.0) << "each mode has specimens of its own";
+  const Experiment experiment = read_experiment(folder / "uniaxial.toml");
+  const std::unique_ptr<Bench> bench = material_point_kind.open(experiment);
+  EXPECT_EQ(bench->readings().front().controls.size(), bench->controls().size());
+  EXPECT_TRUE(bench->protocol().parameters().contains("mullins_r_foam"));
+}
+
 TEST(Uniaxial, WrongExperimentFilesAreRefused) {
   const TemporaryFolder folder;
   const auto expect = [&](const std::string& from, const std::string& to, const std::vector<std::string>& parts) {
@@ -174,6 +285,10 @@ TEST(Uniaxial, WrongExperimentFilesAreRefused) {
     expect_input_error([&] { read_experiment(path); }, parts);
   };
   expect("alpha = 8", "alpha = 80", {"alpha", "outside the physical range"});
+  expect("alpha = 8", "alpha = 8\nmullins = { r = 1, m = \"5 kPa\" }", {"mullins", "r", "above 1"});
+  expect("alpha = 8", "alpha = 8\nmullins = { r = 2, m = \"0 kPa\" }", {"mullins", "m", "energy density"});
+  expect("alpha = 8", "alpha = 8\nmullins = { r = 2, m = \"5 kPa\", beta = -1 }", {"beta", "zero or more"});
+  expect("[bench]", "[bench]\norder = \"n\"", {"order", "with softening only", "'mullins'"});
   expect("noise = { absolute = \"1 kPa\", relative = \"5 %\" }\n", "", {"no noise", "'sigma'"});
   expect("[\"compression\"]", "[\"compresion\"]", {"'compresion'", "did you mean 'compression'", "shear"});
   expect("law = \"ogden_hill\"", "law = \"ogden\"", {"'ogden'", "ogden_hill"});

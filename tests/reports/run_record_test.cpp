@@ -10,6 +10,7 @@
 #include <tuple>
 
 #include "reports/estimate_text.hpp"
+#include "reports/run_sections.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/run_records.hpp"
 
@@ -158,6 +159,36 @@ TEST_F(RunRecordTest, ExplanationsTheRobustFitAndExcludedReadingsSurviveAndOlder
   zero.shifts = {1, 2};
   write_file(path("fit.json"), to_json(record));
   expect_input_error([&] { read_run(folder_.string()); }, {"explanations[0].shifts", "one number for each parameter"});
+}
+
+TEST_F(RunRecordTest, FrictionOfTheLipsSurvivesIsSaidAndStandsOnThePage) {
+  RunRecord record = test::push_puppet_module();
+  EXPECT_EQ(friction_text(record), "");
+  std::vector<double> controls(record.controls.size(), 0.01);
+  record.lip_friction = {{record.channels[0].id, controls, 2e-3, 1.9e-3, 500, 526.3},
+                         {record.channels[0].id, controls, 1e-3, 0.8e-3, kNaN, kNaN}};
+  write_file(path("fit.json"), to_json(record));
+  const RunRecord again = read_run(folder_.string());
+  ASSERT_EQ(again.lip_friction.size(), 2u);
+  EXPECT_EQ(again.lip_friction[0].controls, controls);
+  EXPECT_EQ(again.lip_friction[0].sticking, 1.9e-3);
+  EXPECT_EQ(again.lip_friction[0].sticking_stiffness, 526.3);
+  EXPECT_TRUE(std::isnan(again.lip_friction[1].sliding_stiffness));
+  const std::string text = friction_text(again);
+  EXPECT_NE(text.find("2 closed rows by 20 % at most"), std::string::npos) << text;
+  EXPECT_NE(text.find("1 mm with lips that slide, 800 um with lips that stick"), std::string::npos) << text;
+  EXPECT_NE(fitted_parameters(again)->html.find("<h2>Friction of the lips</h2>"), std::string::npos);
+  write_edited([](auto& json) {
+    json["lip_friction"] = {{{"channel", json["channels"][0]["id"]},
+                             {"controls", {1, 2, 3, 4, 5}},
+                             {"sliding", 1},
+                             {"sticking", 1},
+                             {"sliding_stiffness", 1},
+                             {"sticking_stiffness", 1}}};
+  });
+  expect_input_error([&] { read_run(folder_.string()); }, {"lip_friction[1].controls", "one number for each control"});
+  write_edited([](auto& json) { json.erase("lip_friction"); });
+  EXPECT_TRUE(read_run(folder_.string()).lip_friction.empty());
 }
 
 TEST_F(RunRecordTest, SharesOfMeshAndContactGapSurviveAndOlderFilesHaveNone) {

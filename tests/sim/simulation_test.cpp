@@ -281,6 +281,40 @@ TEST(Simulate, ABlockInTwoCablesHangsByItsWeightOverTheirStiffness) {
   EXPECT_NEAR(channel(fallen, "y").back(), -0.003 - weight / 300, 1e-8);
 }
 
+TEST(Simulate, ABlockInStudsFallsByTheirClearanceAndByItsWeightOverTheirStiffness) {
+  std::string block = hung_block;
+  block.erase(block.find("[[cable]]"), block.find("[[channel]]") - block.find("[[cable]]"));
+  block.erase(block.find("[[channel]]\nid = \"left_tension\""));
+  const std::string studs = R"(
+[studs]
+clearance = "0.2 mm"
+stiffness = "150 N/m"
+[[stud]]
+id = "left"
+on = "block.xmin & block.ymin"
+direction = [0, 1]
+[[stud]]
+id = "right"
+on = "block.xmax & block.ymin"
+direction = [0, 1]
+[[stud]]
+id = "across"
+on = "block.ymin"
+direction = [1, 0]
+clearance = "0 mm"
+)";
+  const double weight = 1150 * 9.81 * 0.02 * 0.008 * 0.006;
+  const Finished r = run(block + studs);
+  ASSERT_EQ(r.result.failure, "");
+  EXPECT_NEAR(channel(r, "y").back(), -0.2e-3 - weight / 300, 1e-8);
+  expect_input_error(
+      [&] {
+        run(replaced(block + studs, "id = \"across\"\non = \"block.ymin\"",
+                     "id = \"across\"\npoint = [\"0 mm\", \"0 mm\"]"));
+      },
+      {"[stud]", "'on' is missing"});
+}
+
 TEST(Simulate, OneCableHoldsABlockInThePlaneAsAPendulum) {
   std::string one = replaced(hung_block, "x = [\"0 mm\", \"0 mm\"]", "x = [\"4 mm\", \"4 mm\"]");
   const size_t from = one.find("[[cable]]\nid = \"right\""), to = one.find("[[channel]]");

@@ -1,0 +1,125 @@
+#include <gtest/gtest.h>
+
+#include "calib/benches/static_bench.hpp"
+#include "calib/fit/fit.hpp"
+#include "tests/support/message.hpp"
+#include "tests/support/static_bench.hpp"
+
+namespace taut::test {
+namespace {
+
+/// The small beam with a stud at its tip, in a hole that is fixed in space; a second load that is always the same gives
+/// a common zero error its name.
+std::string with_stud() {
+  return replaced(replaced(beam_toml, "[[channel]]",
+                           "[[load]]\nid = \"none\"\non = \"xmax\"\ndirection = [1, 0]\ncolumn = \"none_N\"\n"
+                           "[studs]\nclearance = \"1.5 mm\"\nstiffness = \"40 N/m\"\n"
+                           "[[stud]]\nid = \"tip\"\non = \"xmax\"\ndirection = [0, 1]\n[[channel]]"),
+                  "[bench]",
+                  "[fit.free.clearance]\nlower = \"0 mm\"\nupper = \"5 mm\"\n[fit.free.zero_1]\n"
+                  "[bench]\nzero_offset_per = \"none\"");
+}
+
+/// A row per load, all read as 0.
+std::string loads(const std::vector<double>& newtons) {
+  std::string csv = "trial,pull_N,none_N,tip_mm\n";
+  for (const double load : newtons) csv += fmt::format("1,{},0,0\n", load);
+  return csv;
+}
+const std::vector<double> two_sided{0.005, 0.05, 0.08, 0.12, -0.005, -0.05, -0.08, -0.12};
+const std::vector<double> one_sided{0.05, 0.07, 0.09, 0.12};
+
+class StudBench : public testing::Test {
+ protected:
+  /// The fit of what a bench reads whose clearance is 2 mm and whose zero is off by 0.3 mm.
+  FitResult fit_planted(const std::string& toml, const std::vector<double>& newtons) const {
+    const Experiment experiment = experiment_in(folder_, toml, loads(newtons));
+    StaticReplay replay = bench_of(experiment);
+    const ParameterTable& table = replay.protocol->parameters();
+    Params truth = replay.protocol->nominal();
+    truth[table.index("clearance")] = 2e-3;
+    if (table.contains("zero_1")) truth[table.index("zero_1")] = 0.3e-3;
+    const Prediction readings = replay.protocol->predict(truth, {});
+    EXPECT_TRUE(readings.complete());
+    for (Measurement& m : replay.measurements) m.value = readings.values[m.row];
+    replay.protocol->forget();
+    return fit(*replay.protocol, replay.measurements, free_parameters(experiment, *replay.protocol), {});
+  }
+  const ParameterEstimate& estimate(const FitResult& result, const std::string& id) const {
+    return *std::ranges::find(result.parameters, id, [](const ParameterEstimate& e) { return e.spec.id; });
+  }
+  TemporaryFolder folder_;
+};
+
+TEST_F(StudBench, APlantedClearanceIsFoundFromBothSidesAndToldFromAZeroError) {
+  const FitResult result = fit_planted(with_stud(), two_sided);
+  ASSERT_EQ(result.status, FitStatus::converged) << result.message;
+  EXPECT_NEAR(estimate(result, "clearance").value, 2e-3, 1e-6);
+  EXPECT_NEAR(estimate(result, "zero_1").value, 0.3e-3, 1e-6);
+  EXPECT_NEAR(estimate(result, "E_foam").value, 1e5, 20);
+  EXPECT_NE(estimate(result, "clearance").verdict, Verdict::tied);
+  EXPECT_NE(estimate(result, "zero_1").verdict, Verdict::tied);
+}
+
+TEST_F(StudBench, RowsOfOneSideLeaveTheClearanceTiedToTheZeroError) {
+  const FitResult result = fit_planted(with_stud(), one_sided);
+  EXPECT_EQ(estimate(result, "clearance").verdict, Verdict::tied) << estimate(result, "clearance").explanation;
+  EXPECT_NE(estimate(result, "clearance").explanation.find("zero_1"), std::string::npos);
+  // No clearance is below zero, so that the zero error has a limit on one side.
+  EXPECT_EQ(estimate(result, "zero_1").verdict, Verdict::bounded_from_one_side);
+}
+
+TEST_F(StudBench, ClearancesAreSharedOrTheirOwnAndMayHaveTolerances) {
+  const auto table_of = [&](const std::string& toml) {
+    const Experiment e = experiment_in(folder_, toml, loads(one_sided));
+    const StaticReplay replay = bench_of(e);
+    return assumptions_of(e, replay.protocol->parameters(), replay.protocol->nominal(), dimensions_of(e));
+  };
+  const std::string second =
+      "[[stud]]\nid = \"middle\"\npoint = [\"30 mm\", \"6 mm\"]\ndirection = [0, 1]\n"
+      "hole_point = [\"50 mm\", \"6 mm\"]\nclearance = \"0.2 mm +- 0.05 mm\"\n[[channel]]";
+  const std::string toml = replaced(replaced(with_stud(), "[[channel]]", second), "\"40 N/m\"", "\"40 N/m +- 2 N/m\"");
+  double own = 0, shared = 0;
+  for (const Assumption& one : table_of(toml)) {
+    if (one.id == "clearance_middle") own = one.tolerance;
+    if (one.id == "k_stud") shared = one.tolerance;
+    EXPECT_NE(one.id, "clearance") << "it is fitted";
+  }
+  EXPECT_NEAR(own, 5e-5, 1e-12);
+  EXPECT_NEAR(shared, 2, 1e-12);
+}
+
+TEST_F(StudBench, StudsGoWithTheBase) {
+  const auto reading = [&](const std::string& base) {
+    const std::string toml = replaced(with_stud(), "[[support]]", base + "[[support]]");
+    return predicted(bench_of(experiment_in(folder_, toml, loads({0.0, 0.3}))));
+  };
+  const Prediction here = reading(""), there = reading("[base]\nat = [\"10 mm\", \"20 mm\"]\n");
+  EXPECT_NEAR((here.values - there.values).norm(), 0, 1e-9);
+  EXPECT_GT(here.values[1], 1.5e-3);
+}
+
+TEST_F(StudBench, WrongStudsAreRefused) {
+  const auto refused = [&](const std::string& from, const std::string& to, const std::vector<std::string>& parts) {
+    const std::string toml = replaced(with_stud(), from, to);
+    expect_input_error([&] { bench_of(experiment_in(folder_, toml, loads(one_sided))); }, parts);
+  };
+  refused("clearance = \"1.5 mm\"\n", "", {"[stud]", "no clearance", "clearance = \"0.1 mm\"", "[studs]"});
+  refused("clearance = \"1.5 mm\"", "clearance = \"-1 mm\"", {"[studs] clearance", "zero or more"});
+  refused("stiffness = \"40 N/m\"\n", "", {"[stud]", "no stiffness", "\"200 kN/m\""});
+  refused("stiffness = \"40 N/m\"", "stiffness = \"0 N/m\"", {"[studs] stiffness"});
+  refused("on = \"xmax\"\ndirection = [0, 1]", "on = \"xmaxx\"\ndirection = [0, 1]", {"[[stud]] 'tip'", "xmaxx"});
+  refused("on = \"xmax\"\ndirection = [0, 1]", "on = \"xmax\"\nhole_on = \"xmax\"\ndirection = [0, 1]",
+          {"[[stud]] 'tip'", "one place"});
+  refused("on = \"xmax\"\ndirection = [0, 1]", "on = \"xmax\"\npoint = [\"1 mm\", \"1 mm\"]\ndirection = [0, 1]",
+          {"[stud]", "either 'on'"});
+  refused("on = \"xmax\"\ndirection = [0, 1]", "on = \"xmax\"\ndirection = [0, 0]", {"[stud] direction"});
+  refused("[[channel]]", "[[stud]]\nid = \"tip\"\non = \"xmax\"\ndirection = [0, 1]\n[[channel]]",
+          {"the stud 'tip' is there already"});
+  refused("direction = [0, 1]", "direction = [0, 1]\nclearance = \"1 mm\"\nstiffness = \"1 N/m\"",
+          {"[studs]", "no [[stud]] is governed"});
+  refused("data = \"simulated\"", "data = \"simulated\"\nmodel = \"beam\"", {"[[stud]] 'tip'", "\"beam\"", "\"full\""});
+}
+
+}  // namespace
+}  // namespace taut::test
