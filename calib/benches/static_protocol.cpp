@@ -8,6 +8,7 @@
 #include <functional>
 #include <limits>
 #include <map>
+#include <stdexcept>
 
 #include "calib/benches/parallel.hpp"
 #include "calib/fit/bytes.hpp"
@@ -95,7 +96,7 @@ bool StaticProtocol::adds_to(int more, int less) const {
 void StaticProtocol::make_paths() {
   if (!knows_past()) {
     make_paths_of_loads();
-  } else if (std::isnan(rows_.front().order)) {
+  } else if (rows_.empty() || std::isnan(rows_.front().order)) {
     make_paths_of_directions();
   } else {
     make_measured_path();
@@ -443,7 +444,7 @@ Eigen::RowVectorXd StaticProtocol::by_states(const Channel& channel, const Point
 
 /// After a solve: the condition's derivatives by `free`, and what it leaves for the next one.
 void StaticProtocol::find_sensitivities(Condition& condition, const std::vector<int>& free,
-                                        const Equilibrium& equilibrium) const {
+                                        Equilibrium& equilibrium) const {
   condition.sensitivity_of = free;
   if (!knows_past()) {
     condition.sensitivities = free.empty() ? Eigen::MatrixXd() : equilibrium.sensitivities(free);
@@ -457,6 +458,10 @@ void StaticProtocol::find_sensitivities(Condition& condition, const std::vector<
   condition.state_sensitivities.resize(0, 0);
   condition.leaves_sensitivities.resize(0, 0);
   if (free.empty()) return;
+  // At its limit an eyelet may stick or slip, by rounding: the factor has to be of what the derivatives here are of.
+  equilibrium.start_at(condition.u, condition.p);
+  if (!equilibrium.refactorise()) throw std::logic_error("a minimum that was found has no factor");
+  ++condition.report.factorisations;
   std::vector<int> all = free;
   for (const StateParameter& state : scene_.states) all.push_back(state.index);
   const Eigen::MatrixXd du = equilibrium.sensitivities(all);

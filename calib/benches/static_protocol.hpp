@@ -152,7 +152,7 @@ class StaticProtocol final : public Protocol {
                    const std::function<Eigen::RowVectorXd(size_t state)>& partial) const;
   Eigen::MatrixXd inherited(const Condition& condition, const Eigen::MatrixXd& leaves,
                             const std::vector<int>& of) const;
-  void find_sensitivities(Condition& condition, const std::vector<int>& free, const Equilibrium& equilibrium) const;
+  void find_sensitivities(Condition& condition, const std::vector<int>& free, Equilibrium& equilibrium) const;
   Eigen::RowVectorXd by_states(const Channel& channel, const Point& at) const;
   bool held_when_unloaded(int index) const;
   void solve_path(Path& path, const Params& p, const std::vector<int>& free);

@@ -67,7 +67,7 @@ struct Sheet {
   const BenchFormat& format;
   CsvTable table;
   std::optional<size_t> trial, channel;
-  std::vector<NumberColumn> controls, values, sigmas;
+  std::vector<NumberColumn> controls, values, sigmas, orders;
   NumberStyle style;
   size_t not_taken_count = 0;
 
@@ -115,6 +115,7 @@ struct Sheet {
                                                 : NumberColumn{find(control.column, purpose)});
     }
     if (!format.channel_column.empty()) channel = find(format.channel_column, "the channel's name");
+    if (!format.order_column.empty()) orders.push_back({find(format.order_column, "the order of the rows")});
     for (const BenchFormat::Channel& one : format.channels) {
       values.push_back(number_column(one.column.empty() ? format.value_column : one.column, {one.quantity},
                                      fmt::format("channel '{}'", one.id)));
@@ -142,7 +143,7 @@ struct Sheet {
 
   std::set<size_t> number_columns() const {
     std::set<size_t> indices;
-    for (const auto* group : {&values, &sigmas}) {
+    for (const auto* group : {&values, &sigmas, &orders}) {
       for (const NumberColumn& column : *group) indices.insert(column.index);
     }
     for (size_t k = 0; k < controls.size(); ++k) {
@@ -178,20 +179,22 @@ struct Sheet {
                shown(cell), ascii ? "" : " (it holds a special character, perhaps a long minus sign or a blank)");
   }
 
-  double label_in(const Row& row, size_t column, const std::vector<std::string>& labels) const {
+  double label_in(const Row& row, size_t column, const BenchFormat::Control& control) const {
     const std::string& text = text_in(row, column);
+    const std::vector<std::string>& labels = control.labels;
     const auto found = std::ranges::find(labels, text);
     if (found == labels.end())
-      table.fail(row, column, "'{}' is not a [[specimen]] of the experiment{}; it has: {}", shown(text),
-                 did_you_mean(text, labels), listed(labels));
+      table.fail(row, column, "'{}' is not {}{}; it has: {}", shown(text), control.label_is, did_you_mean(text, labels),
+                 listed(labels));
     return static_cast<double>(found - labels.begin()) + 1;
   }
 
   std::vector<double> controls_in(const Row& row) const {
     std::vector<double> numbers;
     for (size_t k = 0; k < controls.size(); ++k) {
-      const std::vector<std::string>& labels = format.controls[k].labels;
-      numbers.push_back(labels.empty() ? number_in(row, controls[k]) : label_in(row, controls[k].index, labels));
+      const BenchFormat::Control& control = format.controls[k];
+      numbers.push_back(control.labels.empty() ? number_in(row, controls[k])
+                                               : label_in(row, controls[k].index, control));
       if (format.controls[k].pulls && numbers.back() < 0)
         table.fail(row, controls[k].index,
                    "the tension is '{}', but a cable cannot push; correct the sign, or write 0 where it hung loose",
@@ -311,6 +314,7 @@ class FormatCheck {
     for (const auto& [column, purpose] : {std::pair(&format_.channel_column, "the channel's name"),
                                           {&format_.value_column, "the reading"},
                                           {&format_.trial_column, "the trial"},
+                                          {&format_.order_column, "the order of the rows"},
                                           {&format_.sigma_column, "sigma"}}) {
       if (!column->empty()) use(*column, purpose);
     }
@@ -372,7 +376,8 @@ std::vector<std::string> names_of(const BenchFormat& format) {
   std::vector<std::string> names = format.ignored;
   for (const BenchFormat::Control& control : format.controls) names.push_back(control.column);
   for (const BenchFormat::Channel& channel : format.channels) names.push_back(channel.column);
-  names.insert(names.end(), {format.trial_column, format.channel_column, format.value_column, format.sigma_column});
+  names.insert(names.end(), {format.trial_column, format.channel_column, format.value_column, format.sigma_column,
+                             format.order_column});
   std::erase(names, "");
   return names;
 }
@@ -412,12 +417,13 @@ Trials read_trials(const BenchFormat& format) {
   }
   for (const BenchFormat::Channel& channel : format.channels) trials.channel_ids.push_back(channel.id);
 
-  std::map<std::tuple<std::string, std::vector<double>, int>, int> first_lines;
+  std::map<std::tuple<std::string, std::vector<double>, int, double>, int> first_lines;
   for (const Row& row : sheet.table.rows) {
     Reading reading;
     reading.line = row.line;
     if (sheet.trial) reading.trial = sheet.text_in(row, *sheet.trial);
     reading.controls = sheet.controls_in(row);
+    if (!sheet.orders.empty()) reading.order = sheet.number_in(row, sheet.orders.front());
     for (const size_t channel : sheet.channels_in(row)) {
       if (not_taken(row.cells[sheet.values[channel].index])) {
         ++sheet.not_taken_count;
@@ -427,8 +433,8 @@ Trials read_trials(const BenchFormat& format) {
       reading.channel = static_cast<int>(channel);
       reading.value = sheet.number_in(row, sheet.values[channel]);
       reading.sigma = sheet.sigma_of(row, reading);
-      const auto [previous, is_new] =
-          first_lines.try_emplace({reading.trial, reading.controls, reading.channel}, row.line);
+      const auto [previous, is_new] = first_lines.try_emplace(
+          {reading.trial, reading.controls, reading.channel, std::isnan(reading.order) ? 0 : reading.order}, row.line);
       if (sheet.trial && !is_new) sheet.fail_twice(row, reading, previous->second);
       trials.readings.push_back(reading);
     }

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "sim/core/numbers.hpp"
 #include "sim/core/units.hpp"
 
 namespace taut {
@@ -17,6 +18,7 @@ struct Reading {
   double value = 0;              ///< SI
   double sigma = 0;              ///< standard deviation, SI, > 0
   bool excluded = false;         ///< shown, but not fitted
+  double order = not_a_number;   ///< its place in the sequence of all; NaN: the file does not say
 };
 
 /// What an instrument is good for: sigma^2 = absolute^2 + (relative * reading)^2 + resolution^2 / 12.
@@ -37,6 +39,7 @@ struct BenchFormat {
     std::vector<Quantity> quantities;  ///< what the unit may be; several are told apart by Trials::control_quantities
     bool pulls = false;                ///< a tension, which is never negative
     std::vector<std::string> labels = {};  ///< its cells are these texts, its values their numbers from 1
+    std::string label_is = {};             ///< what such a text is: "a [[specimen]] of the experiment"
   };
   /// What was measured, and where it stands.
   struct Channel {
@@ -49,6 +52,7 @@ struct BenchFormat {
   };
   std::string path;
   std::string trial_column;  ///< "" when there is none: rows with equal controls are then repeats
+  std::string order_column;  ///< optional: numbers in whose order rows were measured; those of one number share a state
   std::vector<Control> controls;
   std::vector<Channel> channels;
   std::string channel_column;        ///< long files: the column that holds the channel's id or label; else ""
@@ -78,8 +82,8 @@ struct Trials {
 /// was not taken. Throws InputError, one sentence with file, line and column, for: missing file, empty file, header
 /// only, missing, duplicate or unknown column, wrong or missing unit, a control that is empty, text where a number
 /// belongs, infinity, a row with too few or too many cells, an unknown channel id, a reading that stands twice (same
-/// trial, controls and channel, both lines named), sigma not positive, no noise given at all, no reading at all, an
-/// excluded line without a reading, no reading that is not excluded.
+/// trial, order, controls and channel, both lines named), sigma not positive, no noise given at all, no reading at all,
+/// an excluded line without a reading, no reading that is not excluded.
 Trials read_trials(const BenchFormat& format);
 
 /// A line of a file that holds loads only: where to predict.
