@@ -99,7 +99,7 @@ class StaticProtocol final : public Protocol {
     std::vector<int> sensitivity_of;      ///< which those are
     Eigen::VectorXd leaves;               ///< what the next state's parameters of the past are; as Scene::states
     Eigen::MatrixXd state_sensitivities;  ///< of p's parameters that follow from states, as Scene::states
-    Eigen::MatrixXd leaves_sensitivities;
+    Eigen::MatrixXd leaves_sensitivities;  ///< of `leaves`
     SolveReport report;
     double smallest_jacobian = 0;  ///< over quadrature points and nodes, after the last solve
   };
