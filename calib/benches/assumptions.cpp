@@ -175,6 +175,7 @@ constexpr double standard_gravity = 9.81, gravity_on_earth = 0.03;
 std::string id_at(const std::string& place) {
   if (place == "cables.k" || place == "cables.EA") return "k_cable";
   if (place == "cables.friction") return "cable_friction";
+  if (place == "cables.misalignment") return "cable_misalignment";
   if (place == "gravity.acceleration") return "g";
   if (place == "studs.stiffness") return "k_stud";
   const size_t last = place.rfind('.'), first = place.find('.');
@@ -204,7 +205,8 @@ std::map<std::string, Tolerance> tolerances_by_id(const Experiment& experiment, 
       throw InputError(
           tolerance.where +
           ": a tolerance has no effect here; allowed: lengths in [geometry] that are not zero, corners of boxes and "
-          "polygons, constants in [materials.NAME], k, slack, friction and eyelets in [cables], clearance and "
+          "polygons, constants in [materials.NAME], k, slack, friction, misalignment and eyelets in [cables], "
+          "clearance and "
           "stiffness of a [[stud]], places of a [[marker]], [base], and [bench.tolerance] for what the bench sets");
     if (is_fitted(experiment, id))
       throw InputError(

@@ -89,6 +89,9 @@ struct BenchKind {
   std::unique_ptr<Bench> (*open)(Experiment experiment) = nullptr;
 };
 
+/// The id of the control that says which way a row was reached: 1 loading, 2 unloading.
+inline constexpr std::string_view direction_control = "direction";
+
 /// One experiment as its TOML file describes it, checked key by key; SI units inside. Its body and its controls become
 /// part of the setup when a model is made: with which mesh, and what the bench file's columns hold, is known only then
 /// (setup_of() in calib/benches/model.hpp).

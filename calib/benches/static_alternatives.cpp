@@ -161,7 +161,7 @@ std::vector<StaticProtocol::Other> StaticProtocol::others(const Params& p, const
 }
 
 std::vector<Alternative> StaticProtocol::alternatives(const Params& p) {
-  if (options_.history) return {};  // a branch would need a history of its own
+  if (options_.history || knows_past()) return {};  // loads that grow beyond a row's own would leave it another past
   find_followed();
   const std::vector<Condition> own = solved_afresh(p);
   const std::vector<Other> found = others(p, own);

@@ -255,7 +255,7 @@ void StaticBench::find_axes() {
     const Quantity quantity = trials_.control_quantities[k];
     controls_.push_back(make_axis(trials_.control_ids[k], quantity, trials_.control_ids[k]));
     controls_.back().labels = experiment_.bench.controls[k].labels;
-    if (quantity == Quantity::length) continue;
+    if (quantity == Quantity::length || !experiment_.bench.controls[k].labels.empty()) continue;
     std::set<double> values;
     for (const Reading& reading : trials_.readings) values.insert(reading.controls[k]);
     if (values.size() <= most) continue;
@@ -469,6 +469,8 @@ std::string StaticBench::cables_text() const {
     if (cable.spool > 0) text += fmt::format(" on a spool of radius {}", with_unit(cable.spool, "m"));
     if (cable.line) text += ", " + line_text(*cable.line);
   }
+  if (experiment_.cables.rub)
+    text += fmt::format("; friction {:.4g} at their eyelets", nominal[table.index("cable_friction")]);
   for (const auto& [id, column] : experiment_.cables.columns)
     text += fmt::format("; retracted by column '{}', before the loads", column);
   return text;

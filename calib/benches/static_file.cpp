@@ -60,7 +60,7 @@ void read_specimens(TableReader& root, TableReader& table, Experiment& experimen
     table.fail("specimen",
                "either one column names the specimens or columns set their dimensions; take one of them out");
   experiment.specimen_control = "specimen";
-  bench.controls.push_back({"specimen", column, {Quantity::pure}, false, labels});
+  bench.controls.push_back({"specimen", column, {Quantity::pure}, false, labels, "a [[specimen]] of the experiment"});
   for (const std::string& id : ids_set_by_columns(experiment)) {
     for (const SpecimenSettings& specimen : experiment.specimens) {
       if (!specimen.set.contains(id))
@@ -117,6 +117,14 @@ void read_readings(TableReader& root, Experiment& experiment) {
                "it belongs to files with a reading a row; name the column 'channel' that holds the channel's "
                "id too, or give each channel its own column");
   read_specimens(root, table, experiment);
+  bench.order_column = table.text("order", "");
+  if (const std::string column = table.text("direction", ""); !column.empty()) {
+    if (experiment.model == Rung::rod && experiment.cables.friction > 0)
+      table.fail("direction",
+                 "a rod's tendons have the friction of loading only; leave it out, and let 'file' hold rows that load");
+    bench.controls.push_back(
+        {std::string(direction_control), column, {Quantity::pure}, false, {"loading", "unloading"}, "a direction"});
+  }
   read_history(table, experiment);
   experiment.zero_offset_per = table.text("zero_offset_per", "");
   if (!experiment.zero_offset_per.empty()) {

@@ -1,5 +1,6 @@
 #pragma once
 #include <Eigen/Core>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -17,8 +18,9 @@ namespace taut {
 struct StaticRow {
   std::vector<double> controls;  ///< SI, in the order of StaticProtocol's control parameters
   int channel = 0;
-  int offset = -1;  ///< table index of a parameter that is added to the reading (a zero error); -1: none
-  Turn turn = {};   ///< when it was read
+  int offset = -1;              ///< table index of a parameter that is added to the reading (a zero error); -1: none
+  double order = not_a_number;  ///< its place in the sequence of all rows, where states know their past; NaN: see below
+  Turn turn = {};               ///< when it was read, along a history
 };
 
 /// A channel with its name.
@@ -39,6 +41,13 @@ struct NamedChannel {
 /// row whose load was preceded by a rest, or whose retraction is another one, comes from the unloaded state at its own
 /// retraction, which lasts as long as that rest; another one directly from the row before it. Then its load acts for
 /// its dwell.
+///
+/// Where states know their past (Scene::states, cables that rub), the way to a row counts. After what is set first,
+/// rows that load follow from small to large, then those that unload (Options::direction) from large to small, from the
+/// largest load of both; where all controls are set first, they are what loads and unloads. Rows with an order follow
+/// each other as it says, on one path; between two that are set first unlike the others are zero. Each such state is
+/// one step from the one before: parameters that follow from the state itself are found by Newton's method around the
+/// equilibrium, and derivatives are those of both together and of the whole path.
 class StaticProtocol final : public Protocol {
  public:
   /// How equilibria are found.
@@ -51,6 +60,7 @@ class StaticProtocol final : public Protocol {
     /// Of the scene: what touches in a state cannot slide in those that start from it, by a Grip, until it opens; null:
     /// it slides freely. Derivatives leave out how the former states depend on parameters.
     const Contact* sticks = nullptr;
+    int direction = -1;  ///< position among `controls` of the one that is 1 in rows that load, 2 in those that unload
   };
 
   /// `controls` are table indices of the loads that rows set, `switched_off_at_rest` further ones (gravity) that the
@@ -58,8 +68,8 @@ class StaticProtocol final : public Protocol {
   StaticProtocol(Scene scene, std::vector<NamedChannel> channels, std::vector<int> controls,
                  std::vector<int> switched_off_at_rest, std::vector<StaticRow> rows, Options options);
 
-  const ParameterTable& parameters() const override { return scene_.model->parameters(); }
-  const Params& nominal() const override { return scene_.values; }
+  const ParameterTable& parameters() const override { return table_; }
+  const Params& nominal() const override { return nominal_; }
   int row_count() const override { return static_cast<int>(rows_.size()); }
   Prediction predict(const Params& p, const std::vector<int>& free) override;
   void forget() override;
@@ -89,16 +99,20 @@ class StaticProtocol final : public Protocol {
   /// A distinct set of controls, its last equilibrium and what it took.
   struct Condition {
     std::vector<double> controls;  ///< SI
+    double order = not_a_number;   ///< as StaticRow::order
     std::vector<int> rows;         ///< none: a state that others start or are measured from
     int parent = -1;               ///< the condition that its path comes from; -1: rest
     int unloaded = -1;             ///< the condition that its displacements are measured from; -1: rest
     bool solved = false;           ///< u is an equilibrium at p, fit to start the next solve from
-    Params p;
+    Params p;                      ///< of the model, with those that follow from states
     Params other_p;           ///< where a path in another equilibrium starts that is followed instead; empty: none is
     Eigen::VectorXd other_u;  ///< the state there [m]
     Eigen::VectorXd u;        ///< [m], all unknowns
-    Eigen::MatrixXd sensitivities;    ///< du/dp of the parameters that were asked for last
-    std::vector<int> sensitivity_of;  ///< which those are
+    Eigen::MatrixXd sensitivities;         ///< du/dp of the parameters that were asked for last
+    std::vector<int> sensitivity_of;       ///< which those are
+    Eigen::VectorXd leaves;                ///< what the next state's parameters of the past are; as Scene::states
+    Eigen::MatrixXd state_sensitivities;   ///< of p's parameters that follow from states, as Scene::states
+    Eigen::MatrixXd leaves_sensitivities;  ///< of `leaves`
     SolveReport report;
     bool held = false;  ///< something touches in the state that it starts from, and cannot slide (Options::sticks)
     double smallest_jacobian = 0;  ///< over quadrature points and nodes, after the last solve
@@ -128,7 +142,14 @@ class StaticProtocol final : public Protocol {
     double jump;        ///< as Alternative::jump
   };
   class LoadWalk;
-  int condition_with(const std::vector<double>& controls);
+  /// Derivatives of a state by some numbers, a column each: of u, of the parameters that follow from states, and of
+  /// what it leaves for those of the next one.
+  struct Slopes {
+    Eigen::MatrixXd u, states, leaves;
+  };
+  bool knows_past() const { return !scene_.states.empty(); }
+  bool unloads(const Condition& condition) const;
+  int condition_with(std::vector<double> controls, double order = not_a_number);
   double load_of(int condition) const;
   bool adds_to(int more, int less) const;
   std::vector<std::vector<int>> growing_loads() const;
@@ -143,6 +164,20 @@ class StaticProtocol final : public Protocol {
   int append(Path& path, std::vector<double> controls, int parent, double seconds);
   void solve_history(Path& path, const Params& p, const std::vector<int>& free);
   void read_along(Condition& condition, const QuasiStatics& statics) const;
+  void make_paths_of_loads();
+  bool all_set_first() const;
+  int root_of(int condition);
+  void make_paths_of_directions();
+  void make_measured_path();
+  std::vector<int> own_states() const;
+  Params start_of_states(const Condition& condition, Params target) const;
+  void settle_states(Equilibrium& equilibrium, SolveReport& report) const;
+  Slopes slopes_of(const Condition& condition, const Slopes& held, const Eigen::MatrixXd& inherited,
+                   const std::function<Eigen::RowVectorXd(size_t state)>& partial) const;
+  Eigen::MatrixXd inherited(const Condition& condition, const Eigen::MatrixXd& leaves,
+                            const std::vector<int>& of) const;
+  void find_sensitivities(Condition& condition, const std::vector<int>& free, Equilibrium& equilibrium) const;
+  Eigen::RowVectorXd by_states(const Channel& channel, const Point& at) const;
   bool held_when_unloaded(int index) const;
   void solve_path(Path& path, const Params& p, const std::vector<int>& free);
   void solve_held(Path& path, Condition& condition, const Params& p, const std::vector<int>& free, Grip& grip) const;
@@ -151,10 +186,12 @@ class StaticProtocol final : public Protocol {
   Eigen::VectorXd predicted_change(const Condition& condition, const Params& to) const;
   void read_row(Eigen::Index r, const Params& p, const std::vector<int>& free, Prediction& prediction) const;
   std::string describe_parameters(const Params& p) const;
-  Eigen::MatrixXd change_between(const std::vector<Neighbours>& neighbours, const Condition& condition,
-                                 Equilibrium& equilibrium) const;
+  Slopes change_between(const std::vector<Neighbours>& neighbours, const Condition& condition,
+                        const Eigen::MatrixXd& leaves_before, Equilibrium& equilibrium) const;
 
   Scene scene_;
+  ParameterTable table_;  ///< without parameters that follow from states
+  Params nominal_;
   std::vector<NamedChannel> channels_;
   std::vector<int> controls_, off_at_rest_;
   std::vector<StaticRow> rows_;

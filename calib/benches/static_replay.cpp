@@ -19,9 +19,12 @@ BenchRows rows_of_readings(const Experiment& experiment, const BenchModel& model
   const size_t offset_control =
       experiment.zero_offset_per.empty() ? 0 : position_of_control(experiment, experiment.zero_offset_per);
   std::vector<StaticRow>& rows = bench.rows;
+  // The way to a row counts where cables rub.
+  const auto order_of = [&](const Reading& reading) { return experiment.cables.rub ? reading.order : not_a_number; };
   const auto row_of = [&](const Reading& reading) {
     return std::find_if(rows.begin(), rows.end(), [&](const StaticRow& row) {
-      return row.channel == reading.channel && row.controls == reading.controls && row.turn == reading.turn;
+      const bool same = row.order == order_of(reading) || (std::isnan(row.order) && std::isnan(order_of(reading)));
+      return same && row.channel == reading.channel && row.controls == reading.controls && row.turn == reading.turn;
     });
   };
   // Repeats: all alike but for their place in the history.
@@ -41,7 +44,8 @@ BenchRows rows_of_readings(const Experiment& experiment, const BenchModel& model
     const auto offset = model.zero_offsets.empty() ? model.zero_offsets.end()
                                                    : model.zero_offsets.find(reading.controls[offset_control]);
     const int zero_offset = offset == model.zero_offsets.end() ? -1 : offset->second;
-    if (same == rows.end()) rows.push_back({reading.controls, reading.channel, zero_offset, reading.turn});
+    if (same == rows.end())
+      rows.push_back({reading.controls, reading.channel, zero_offset, order_of(reading), reading.turn});
     if (!reading.excluded) bench.measurements.push_back({row, reading.value, reading.sigma, group_of(reading)});
   }
   for (size_t i = 0; i < trials.readings.size(); ++i) {
@@ -51,7 +55,79 @@ BenchRows rows_of_readings(const Experiment& experiment, const BenchModel& model
   return bench;
 }
 
+namespace {
+
+/// Which of the controls are set before the others: retractions.
+std::vector<int> set_first(const Experiment& experiment) {
+  std::vector<int> positions;
+  for (size_t k = 0; k < experiment.bench.controls.size(); ++k) {
+    if (experiment.cables.columns.count(experiment.bench.controls[k].id) > 0) positions.push_back(static_cast<int>(k));
+  }
+  return positions;
+}
+
+/// The position of the control that says which way a row was reached; -1: there is none.
+int direction_of_rows(const Experiment& experiment) {
+  const auto& controls = experiment.bench.controls;
+  const auto found = std::ranges::find(controls, direction_control, &BenchFormat::Control::id);
+  return found == controls.end() ? -1 : static_cast<int>(found - controls.begin());
+}
+
+/// An order of rows that says two things of one state, or another direction than the rows themselves.
+void refuse_contradictions(const Experiment& experiment, const Trials& trials) {
+  const int direction = direction_of_rows(experiment);
+  const std::vector<int> first = set_first(experiment);
+  const bool only_first = first.size() + (direction >= 0 ? 1 : 0) == experiment.bench.controls.size();
+  const auto is_load = [&](size_t k) {
+    return static_cast<int>(k) != direction &&
+           (std::ranges::find(first, static_cast<int>(k)) == first.end()) != only_first;
+  };
+  const auto load_of = [&](const Reading& reading) {
+    double sum = 0;
+    for (size_t k = 0; k < reading.controls.size(); ++k) sum += is_load(k) ? std::abs(reading.controls[k]) : 0;
+    return sum;
+  };
+  std::map<double, const Reading*> states;
+  for (const Reading& reading : trials.readings) {
+    if (reading.excluded || std::isnan(reading.order)) continue;
+    const Reading& same = *states.emplace(reading.order, &reading).first->second;
+    if (same.controls != reading.controls)
+      throw FileError(
+          experiment.bench.path,
+          fmt::format("lines {} and {}: both have the order {:.10g}, but not the same '{}'; a number stands for "
+                      "one state: give each its own",
+                      same.line, reading.line, reading.order, [&] {
+                        size_t k = 0;
+                        while (same.controls[k] == reading.controls[k]) ++k;
+                        return experiment.bench.controls[k].id;
+                      }()));
+  }
+  if (direction < 0) return;
+  const Reading* before = nullptr;
+  for (const auto& [order, reading] : states) {
+    const bool goes_on =
+        before != nullptr && std::ranges::all_of(first, [&](int k) {
+          return only_first || before->controls[static_cast<size_t>(k)] == reading->controls[static_cast<size_t>(k)];
+        });
+    const double last = goes_on ? load_of(*before) : 0, load = load_of(*reading);
+    const bool unloads = reading->controls[static_cast<size_t>(direction)] == 2;
+    if (unloads ? load > last : load < last)
+      throw FileError(
+          experiment.bench.path,
+          fmt::format(
+              "line {}: it is '{}', but {} in the order of the rows its load is {}; correct the direction or the "
+              "order",
+              reading->line, unloads ? "unloading" : "loading",
+              goes_on ? fmt::format("after line {}", before->line) : "after nothing was hung",
+              unloads ? "larger" : "smaller"));
+    before = reading;
+  }
+}
+
+}  // namespace
+
 StaticReplay make_static_replay(const Experiment& experiment, const MeshSettings& settings, const Trials& trials) {
+  refuse_contradictions(experiment, trials);
   BenchModel model = make_model(experiment, settings, trials);
   StaticReplay bench{rows_of_readings(experiment, model, trials), nullptr, model.cables, model.contact};
   StaticProtocol::Options options;
@@ -59,10 +135,8 @@ StaticReplay make_static_replay(const Experiment& experiment, const MeshSettings
   options.threads = experiment.threads;
   options.from_unloaded = experiment.from_unloaded;
   options.history = experiment.remembers();
-  for (size_t k = 0; k < experiment.bench.controls.size(); ++k) {
-    if (experiment.cables.columns.count(experiment.bench.controls[k].id) > 0)
-      options.set_first.push_back(static_cast<int>(k));
-  }
+  options.set_first = set_first(experiment);
+  options.direction = direction_of_rows(experiment);
   options.equilibrium.check_path = !options.set_first.empty();
   if (experiment.contact.sticks) options.sticks = model.contact;
   bench.protocol = std::make_unique<StaticProtocol>(std::move(model.scene), std::move(model.channels), model.controls,

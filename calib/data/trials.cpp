@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 #include <optional>
@@ -68,7 +69,7 @@ struct Sheet {
   CsvTable table;
   std::optional<size_t> trial, channel;
   std::optional<NumberColumn> time, dwell, rest;
-  std::vector<NumberColumn> controls, values, sigmas;
+  std::vector<NumberColumn> controls, values, sigmas, orders;
   NumberStyle style;
   size_t not_taken_count = 0;
 
@@ -116,6 +117,7 @@ struct Sheet {
                                                 : NumberColumn{find(control.column, purpose)});
     }
     if (!format.channel_column.empty()) channel = find(format.channel_column, "the channel's name");
+    if (!format.order_column.empty()) orders.push_back({find(format.order_column, "the order of the rows")});
     for (const BenchFormat::Channel& one : format.channels) {
       values.push_back(number_column(one.column.empty() ? format.value_column : one.column, {one.quantity},
                                      fmt::format("channel '{}'", one.id)));
@@ -150,7 +152,7 @@ struct Sheet {
 
   std::set<size_t> number_columns() const {
     std::set<size_t> indices;
-    for (const auto* group : {&values, &sigmas}) {
+    for (const auto* group : {&values, &sigmas, &orders}) {
       for (const NumberColumn& column : *group) indices.insert(column.index);
     }
     for (size_t k = 0; k < controls.size(); ++k) {
@@ -189,20 +191,22 @@ struct Sheet {
                shown(cell), ascii ? "" : " (it holds a special character, perhaps a long minus sign or a blank)");
   }
 
-  double label_in(const Row& row, size_t column, const std::vector<std::string>& labels) const {
+  double label_in(const Row& row, size_t column, const BenchFormat::Control& control) const {
     const std::string& text = text_in(row, column);
+    const std::vector<std::string>& labels = control.labels;
     const auto found = std::ranges::find(labels, text);
     if (found == labels.end())
-      table.fail(row, column, "'{}' is not a [[specimen]] of the experiment{}; it has: {}", shown(text),
-                 did_you_mean(text, labels), listed(labels));
+      table.fail(row, column, "'{}' is not {}{}; it has: {}", shown(text), control.label_is, did_you_mean(text, labels),
+                 listed(labels));
     return static_cast<double>(found - labels.begin()) + 1;
   }
 
   std::vector<double> controls_in(const Row& row) const {
     std::vector<double> numbers;
     for (size_t k = 0; k < controls.size(); ++k) {
-      const std::vector<std::string>& labels = format.controls[k].labels;
-      numbers.push_back(labels.empty() ? number_in(row, controls[k]) : label_in(row, controls[k].index, labels));
+      const BenchFormat::Control& control = format.controls[k];
+      numbers.push_back(control.labels.empty() ? number_in(row, controls[k])
+                                               : label_in(row, controls[k].index, control));
       if (format.controls[k].pulls && numbers.back() < 0)
         table.fail(row, controls[k].index,
                    "the tension is '{}', but a cable cannot push; correct the sign, or write 0 where it hung loose",
@@ -264,27 +268,33 @@ struct Sheet {
     return seconds;
   }
 
-  /// Gives each reading its turn. Rows stand in the order in which they were read; where there are times they say it.
+  /// Gives each reading its turn. Rows stand in the order in which they were read, unless a column says it, or times.
   void set_turns(std::vector<Reading>& readings) const {
     std::map<int, const Row*> rows;
     for (const Row& row : table.rows) rows[row.line] = &row;
     std::vector<Reading*> order;
     for (Reading& reading : readings) order.push_back(&reading);
     const auto when = [&](const Reading* reading) { return time_in(*rows.at(reading->line), time).value_or(0); };
-    if (time) std::ranges::stable_sort(order, {}, when);
+    if (!orders.empty())
+      std::ranges::stable_sort(order, {}, &Reading::order);
+    else if (time)
+      std::ranges::stable_sort(order, {}, when);
     const Reading* last = nullptr;
     std::set<int> channels;  // read in the last turn
     for (Reading* reading : order) {
       const Row& row = *rows.at(reading->line);
       Turn turn{last == nullptr ? 0 : last->turn.place, 0, 0};
-      const bool together = last != nullptr && last->trial == reading->trial && last->controls == reading->controls &&
-                            !channels.contains(reading->channel) && (!time || when(last) == when(reading));
+      const Row* before = last == nullptr ? nullptr : rows.at(last->line);
+      const bool same_load = last != nullptr && last->trial == reading->trial && last->controls == reading->controls;
+      const bool together =
+          same_load && !channels.contains(reading->channel) && (!time || when(last) == when(reading)) &&
+          (orders.empty() || last->order == reading->order) && time_in(row, dwell) == time_in(*before, dwell);
       if (together) {
         turn = last->turn;
       } else {
         if (last != nullptr) ++turn.place;
         channels.clear();
-        find_times(row, last == nullptr ? nullptr : rows.at(last->line), turn);
+        find_times(row, before, same_load ? last->turn.dwell : -1, turn);
       }
       reading->turn = turn;
       channels.insert(reading->channel);
@@ -292,22 +302,40 @@ struct Sheet {
     }
   }
 
-  /// Dwell and rest of a row, of which one may follow from its time and that of the row read before it.
-  void find_times(const Row& row, const Row* before, Turn& turn) const {
+  /// Dwell and rest of a row, of which one may follow from its time and that of the row read before it. Where that has
+  /// the same load, it was read after `acted` seconds of it, else -1.
+  void find_times(const Row& row, const Row* before, double acted, Turn& turn) const {
     const std::optional<double> stays = time_in(row, dwell, format.history.dwell),
                                 rests = time_in(row, rest, format.history.rest);
-    turn.dwell = stays.value_or(0);
     turn.rest = rests.value_or(0);
-    if (!time) return;
-    const double passed = *time_in(row, time) - (before == nullptr ? 0 : *time_in(*before, time));
-    const double left = passed - turn.dwell - turn.rest;
-    if (left < -1e-9 * passed || (stays && rests && before != nullptr && left > 1e-9 * passed + 0.5))
-      table.fail(row, time->index,
-                 "{} s after {} its dwell and rest are {} s together; correct the times, or leave one of the three out",
-                 passed, before == nullptr ? "the first load" : fmt::format("line {}", before->line),
-                 turn.dwell + turn.rest);
-    if (!stays) turn.dwell = std::max(0.0, left);
-    if (stays && !rests) turn.rest = before == nullptr ? 0 : std::max(0.0, left);
+    const bool goes_on = acted >= 0 && turn.rest == 0;  // its load may not have been taken off
+    if (time) {
+      const double passed = *time_in(row, time) - (before == nullptr ? 0 : *time_in(*before, time));
+      if (passed < 0)
+        table.fail(row, time->index,
+                   "it was read before line {}, which the order has before it; correct the order or the time",
+                   before->line);
+      const bool went_on = goes_on && stays && std::abs(passed - (*stays - acted)) <= 0.5;
+      const double left = passed - turn.rest - (went_on ? passed : stays.value_or(0));
+      if (left < -1e-9 * passed || (stays && rests && before != nullptr && left > 0.5))
+        table.fail(row, time->index,
+                   "{} s after {} its dwell and rest are {} s together; correct the times, or leave one of the three "
+                   "out",
+                   passed, before == nullptr ? "the first load" : fmt::format("line {}", before->line),
+                   stays.value_or(0) + turn.rest);
+      turn.dwell = stays ? *stays : left + (goes_on ? acted : 0.0);
+      if (went_on || (!stays && goes_on)) turn.read = acted;
+      if (stays && !rests && !went_on && before != nullptr) turn.rest = std::max(0.0, left);
+      return;
+    }
+    turn.dwell = *stays;
+    if (!goes_on) return;
+    if (turn.dwell <= acted)
+      table.fail(row.line,
+                 "its load had acted for {} s, no longer than in line {}, so that it was taken off between them; say "
+                 "for how long ([bench] rest)",
+                 turn.dwell, before->line);
+    turn.read = acted;
   }
 
   [[noreturn]] void fail_twice(const Row& row, const Reading& reading, int first_line) const {
@@ -384,6 +412,7 @@ class FormatCheck {
                                           {&format_.history.rest_column, "the rest"},
                                           {&format_.value_column, "the reading"},
                                           {&format_.trial_column, "the trial"},
+                                          {&format_.order_column, "the order of the rows"},
                                           {&format_.sigma_column, "sigma"}}) {
       if (!column->empty()) use(*column, purpose);
     }
@@ -446,7 +475,8 @@ std::vector<std::string> names_of(const BenchFormat& format) {
   for (const BenchFormat::Control& control : format.controls) names.push_back(control.column);
   for (const BenchFormat::Channel& channel : format.channels) names.push_back(channel.column);
   names.insert(names.end(), {format.trial_column, format.channel_column, format.value_column, format.sigma_column,
-                             format.history.time_column, format.history.dwell_column, format.history.rest_column});
+                             format.order_column, format.history.time_column, format.history.dwell_column,
+                             format.history.rest_column});
   std::erase(names, "");
   return names;
 }
@@ -486,12 +516,13 @@ Trials read_trials(const BenchFormat& format) {
   }
   for (const BenchFormat::Channel& channel : format.channels) trials.channel_ids.push_back(channel.id);
 
-  std::map<std::tuple<std::string, std::vector<double>, int>, int> first_lines;
+  std::map<std::tuple<std::string, std::vector<double>, int, std::array<double, 3>>, int> first_lines;
   for (const Row& row : sheet.table.rows) {
     Reading reading;
     reading.line = row.line;
     if (sheet.trial) reading.trial = sheet.text_in(row, *sheet.trial);
     reading.controls = sheet.controls_in(row);
+    if (!sheet.orders.empty()) reading.order = sheet.number_in(row, sheet.orders.front());
     for (const size_t channel : sheet.channels_in(row)) {
       if (not_taken(row.cells[sheet.values[channel].index])) {
         ++sheet.not_taken_count;
@@ -501,8 +532,11 @@ Trials read_trials(const BenchFormat& format) {
       reading.channel = static_cast<int>(channel);
       reading.value = sheet.number_in(row, sheet.values[channel]);
       reading.sigma = sheet.sigma_of(row, reading);
+      const std::array<double, 3> when{std::isnan(reading.order) ? 0 : reading.order,
+                                       sheet.time_in(row, sheet.time).value_or(0),
+                                       sheet.time_in(row, sheet.dwell).value_or(0)};
       const auto [previous, is_new] =
-          first_lines.try_emplace({reading.trial, reading.controls, reading.channel}, row.line);
+          first_lines.try_emplace({reading.trial, reading.controls, reading.channel, when}, row.line);
       if (sheet.trial && !is_new) sheet.fail_twice(row, reading, previous->second);
       trials.readings.push_back(reading);
     }

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "sim/core/numbers.hpp"
 #include "sim/core/units.hpp"
 
 namespace taut {
@@ -14,6 +15,7 @@ struct Turn {
   int place = -1;    ///< in the order of the bench, which readings that were taken together share; -1: from rest
   double dwell = 0;  ///< [s] for which its load had acted
   double rest = 0;   ///< [s] without load before that
+  double read = 0;   ///< [s] after which that load, not taken off since, was read before; 0: it was hung anew
   bool operator==(const Turn&) const = default;
 };
 
@@ -26,6 +28,7 @@ struct Reading {
   double value = 0;              ///< SI
   double sigma = 0;              ///< standard deviation, SI, > 0
   bool excluded = false;         ///< shown, but not fitted
+  double order = not_a_number;   ///< its place in the sequence of all; NaN: the file does not say
   Turn turn = {};                ///< where BenchFormat::History counts
 };
 
@@ -47,6 +50,7 @@ struct BenchFormat {
     std::vector<Quantity> quantities;  ///< what the unit may be; several are told apart by Trials::control_quantities
     bool pulls = false;                ///< a tension, which is never negative
     std::vector<std::string> labels = {};  ///< its cells are these texts, its values their numbers from 1
+    std::string label_is = {};             ///< what such a text is: "a [[specimen]] of the experiment"
   };
   /// What was measured, and where it stands.
   struct Channel {
@@ -67,6 +71,7 @@ struct BenchFormat {
   std::string path;
   History history = {};
   std::string trial_column;  ///< "" when there is none: rows with equal controls are then repeats
+  std::string order_column;  ///< optional: numbers in whose order rows were measured; those of one number share a state
   std::vector<Control> controls;
   std::vector<Channel> channels;
   std::string channel_column;        ///< long files: the column that holds the channel's id or label; else ""
@@ -97,8 +102,8 @@ struct Trials {
 /// was not taken. Throws InputError, one sentence with file, line and column, for: missing file, empty file, header
 /// only, missing, duplicate or unknown column, wrong or missing unit, a control that is empty, text where a number
 /// belongs, infinity, a row with too few or too many cells, an unknown channel id, a reading that stands twice (same
-/// trial, controls and channel, both lines named), sigma not positive, no noise given at all, no reading at all, an
-/// excluded line without a reading, no reading that is not excluded; where history counts, for times that contradict
+/// trial, order, controls and channel, both lines named), sigma not positive, no noise given at all, no reading at all,
+/// an excluded line without a reading, no reading that is not excluded; where history counts, for times that contradict
 /// each other.
 Trials read_trials(const BenchFormat& format);
 

@@ -190,9 +190,11 @@ void read_laws(TableReader& table, CablesSettings& cables) {
     cables.friction = table.quantity("friction", Quantity::pure);
     if (!(cables.friction >= 0 && cables.friction <= 2))
       table.fail("friction", "a coefficient of friction from 0 (none) to 2 belongs here");
-    if (std::ranges::none_of(cables.cables, &CableSettings::held))
-      table.fail("friction",
-                 "it is that of cables whose tension is held, and none is; give them a 'tension', or leave it out");
+  }
+  if (table.has("misalignment")) {
+    cables.misalignment = table.quantity("misalignment", Quantity::angle);
+    if (!(cables.misalignment >= 0 && cables.misalignment <= 1))
+      table.fail("misalignment", "the angle by which each eyelet turns a cable besides, from 0 to 1 rad, belongs here");
   }
   if (!elastic && (cables.k || cables.EA))
     table.fail(cables.k ? "k" : "EA", "no cable is governed by it: each is held at a tension or has a k of its own");
@@ -391,6 +393,46 @@ void read_figures(TableReader table, Experiment& experiment) {
   table.finish();
 }
 
+/// Whether cables rub, and in a model that knows how. Where nothing says so they do not, and cost nothing.
+void read_friction(Experiment& experiment) {
+  CablesSettings& cables = experiment.cables;
+  const auto frees = [](const std::vector<FreeSettings>& free) {
+    return std::ranges::any_of(
+        free, [](const FreeSettings& one) { return one.id == "cable_friction" || one.id == "cable_misalignment"; });
+  };
+  const bool asked = cables.friction != 0 || frees(experiment.free) ||
+                     std::ranges::any_of(experiment.variants, frees, &VariantSettings::free) ||
+                     experiment.tolerances.contains("cables.friction");
+  const auto refuse = [&](std::string_view key, const std::string& why) {
+    throw InputError(fmt::format("{}: [cables] {}: {}", experiment.path, key, why));
+  };
+  const auto held = std::ranges::find_if(cables.cables, &CableSettings::held);
+  const bool rod = experiment.model == Rung::rod;
+  if (cables.misalignment != 0 && (rod || !asked))
+    refuse("misalignment", rod ? "a rod's tendons have eyelets all along and know no such angle; leave it out"
+                               : "it has no effect without friction; add 'friction', or leave it out");
+  if (!asked) return;
+  if (rod && held == cables.cables.end())
+    refuse("friction",
+           "it is that of cables whose tension is held, and none is; give them a 'tension', or leave it out");
+  if (rod) return;
+  if (experiment.model == Rung::beam || experiment.model == Rung::automatic)
+    refuse("friction", fmt::format("the model \"{}\" has no friction of cables; set model = \"full\", or leave "
+                                   "'friction' and the free parameter 'cable_friction' out",
+                                   name_of(experiment.model)));
+  if (held != cables.cables.end())
+    refuse("friction", fmt::format("the model \"{}\" has friction of cables that are retracted, and '{}' is held at a "
+                                   "tension; set model = \"rod\", or leave 'friction' and the free parameter "
+                                   "'cable_friction' out",
+                                   name_of(experiment.model), held->id));
+  if (!experiment.kind->at_rest) refuse("friction", "recordings over time have no friction of cables; leave it out");
+  if (cables.cables.empty())
+    refuse("friction", "there is no cable that could rub; leave the free parameter 'cable_friction' out");
+  if (experiment.remembers())
+    refuse("friction", "stresses relax (prony), and what both do together is not known here; take one of them out");
+  cables.rub = true;
+}
+
 /// Settings that are right in themselves but change nothing here.
 void refuse_without_effect(const Experiment& experiment) {
   const bool gap = experiment.mesh.contact_gap > 0 ||
@@ -399,16 +441,6 @@ void refuse_without_effect(const Experiment& experiment) {
   if (gap && !experiment.contact.on)
     throw InputError(
         fmt::format("{}: contact_gap has no effect without contact; add [contact] or remove it", experiment.path));
-  const auto frees_friction = [](const std::vector<FreeSettings>& free) {
-    return std::ranges::find(free, "cable_friction", &FreeSettings::id) != free.end();
-  };
-  const bool friction = experiment.cables.friction != 0 || frees_friction(experiment.free) ||
-                        std::ranges::any_of(experiment.variants, frees_friction, &VariantSettings::free);
-  if (friction && experiment.model != Rung::rod)
-    throw InputError(fmt::format(
-        "{}: [cables] friction: the model \"{}\" has no friction of cables, so it would have no effect; set "
-        "model = \"rod\", or leave 'friction' and the free parameter 'cable_friction' out",
-        experiment.path, name_of(experiment.model)));
   const bool elements =
       experiment.model != Rung::beam && experiment.model != Rung::rod && experiment.model != Rung::automatic;
   if (experiment.contact.bracketed) {
@@ -568,6 +600,7 @@ Experiment read_with_readings(const std::string& path, std::string readings) {
   }
   root.finish();
   experiment.tolerances = file.tolerances();
+  if (experiment.kind->specimen) read_friction(experiment);
   if (!experiment.kind->at_rest && !experiment.tolerances.empty())
     throw InputError(experiment.tolerances.begin()->second.where +
                      ": a tolerance counts in fits of readings at rest only; give the value alone");

@@ -102,6 +102,7 @@ class Assembler {
       at(setup_, fmt::format("[[stud]] '{}'", stud.id), [&] { add_stud(stud); });
     if (setup_.contact.on && !setup_.contact.idle) at(setup_, "[contact]", [&] { add_contact(); });
     if (options_.declare) options_.declare(builder_);
+    add_rubbing_cables();
     built_.scene = at(setup_, "the model", [&] { return builder_.build(options_.free_bodies); });
     for (const ChannelSettings& channel : setup_.channels) {
       built_.readings.push_back(
@@ -301,14 +302,25 @@ class Assembler {
     const ParameterTable& parameters = builder_.parameters();
     if (!parameters.contains("tension_scale")) {
       builder_.declare({"tension_scale", "c_T", "1", 0, 10, "factor of all held tensions"}, 1);
-      builder_.declare({"cable_friction", "mu", "1", 0, 2, "friction of cables at their eyelets"},
-                       setup_.cables.friction);
+      declare_friction();
     }
     made.tension_scale = parameters.index("tension_scale");
   }
 
+  int declare_friction() {
+    return builder_.declare({"cable_friction", "mu", "1", 0, 2, "friction of cables at their eyelets"},
+                            setup_.cables.friction);
+  }
+
+  /// What the states of their eyelets are comes after all that is declared.
+  void add_rubbing_cables() {
+    for (Cable& cable : built_.cables) {
+      if (cable.friction >= 0) builder_.add_rubbing_cable(cable);
+    }
+  }
+
   void add_cables() {
-    int shared_k = -1, shared_slack = -1;
+    int shared_k = -1, shared_slack = -1, friction = -1, misalignment = -1;
     const auto add = [&](const CableSettings& cable) {
       const std::string& id = cable.id;
       Cable made;
@@ -336,11 +348,22 @@ class Assembler {
         };
         made.points.push_back({fixed ? MaterialPoint{} : inside(), points[i]});
       }
-      builder_.add_cable(made);
+      if (setup_.cables.rub && !cable.held && made.points.size() > 2) {
+        made.friction = friction;
+        made.misalignment = misalignment;
+      } else {
+        builder_.add_cable(made);
+      }
       built_.cables.push_back(std::move(made));
     };
     if (std::any_of(setup_.cables.cables.begin(), setup_.cables.cables.end(), shares_law))
       at(setup_, "[cables]", [&] { declare_shared_law(shared_k, shared_slack); });
+    if (setup_.cables.rub) {
+      friction = declare_friction();
+      misalignment = builder_.declare(
+          {"cable_misalignment", "beta_0", "rad", 0, 1, "angle by which each eyelet turns a cable besides"},
+          setup_.cables.misalignment);
+    }
     for (const CableSettings& cable : setup_.cables.cables)
       at(setup_, fmt::format("{} '{}'", cable.own ? "[[cable]]" : "cable", cable.id), [&] { add(cable); });
   }

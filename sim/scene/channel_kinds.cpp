@@ -150,6 +150,7 @@ const std::vector<ChannelKind>& channel_kinds() {
       {"position", "m", "position of", On::place, make_position, Directed::always},
       {"rotation", "rad", "rotation of", On::tag, make_rotation, Directed::in_space, true},
       {"tension", "N", "tension of cable", On::cable, of_cable<make_cable_tension>},
+      {"end_tension", "N", "tension at the end of cable", On::cable, of_cable<make_cable_end_tension>},
       {"length", "m", "length of cable", On::cable, of_cable<make_cable_length>},
       {"joint_gap", "m", "gap of joint", On::joint, of_joint<make_joint_gap>},
       {"joint_angle", "rad", "angle of joint", On::joint, of_joint<make_joint_angle>},

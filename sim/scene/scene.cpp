@@ -9,7 +9,9 @@
 
 #include "sim/core/dense.hpp"
 #include "sim/core/error.hpp"
+#include "sim/core/numbers.hpp"
 #include "sim/mesh/weights.hpp"
+#include "sim/terms/cable_friction.hpp"
 #include "sim/terms/elastic_base.hpp"
 #include "sim/terms/load.hpp"
 
@@ -284,6 +286,26 @@ void SceneBuilder::add_play(const Play& play) {
   terms_.push_back(make_play(mesh_, play));
 }
 
+void SceneBuilder::add_rubbing_cable(Cable& cable) {
+  const auto state = [&](const char* id, const char* unit, const char* meaning, bool past) {
+    const size_t number = states_.size() + 1;
+    states_.push_back(
+        {declare({fmt::format("{}_{}", id, number), id, unit, -infinity, infinity, meaning}, 0), past, {}});
+    return states_.back().index;
+  };
+  for (size_t i = 1; i + 1 < cable.points.size(); ++i) {
+    CableEyelet& eyelet = cable.eyelets.emplace_back();
+    eyelet.bound = state("eyelet_bound", "N", "what friction at an eyelet can bear", false);
+    eyelet.slip = state("eyelet_slip", "m", "length of cable that had passed an eyelet", true);
+  }
+  add_cable(cable);
+  StateParameter* of = states_.data() + (states_.size() - 2 * cable.eyelets.size());
+  for (size_t i = 0; i < cable.eyelets.size(); ++i) {
+    (of++)->value = make_eyelet_bound(mesh_, cable, static_cast<Eigen::Index>(i));
+    (of++)->value = make_eyelet_slip(mesh_, cable, static_cast<Eigen::Index>(i));
+  }
+}
+
 Joint SceneBuilder::add_joint(const JointSettings& settings, int angle) {
   const std::string where = fmt::format("joint '{}'", settings.id);
   const auto part_called = [&](const std::string& name) {
@@ -551,6 +573,7 @@ Scene SceneBuilder::build(bool free_bodies) {
   for (const auto& [dof, s] : supports_) supports.push_back(s);
   Scene scene;
   scene.values = Eigen::Map<const Eigen::VectorXd>(values_.data(), static_cast<Eigen::Index>(values_.size()));
+  scene.states = std::move(states_);
   scene.model = std::make_unique<Model>(std::move(mesh_), std::move(parameters_), std::move(terms_),
                                         std::move(supports), std::move(pieces), std::move(loose));
   return scene;

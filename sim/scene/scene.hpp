@@ -8,6 +8,7 @@
 #include "sim/contact/contact.hpp"
 #include "sim/contact/contact_3d.hpp"
 #include "sim/mesh/mesh.hpp"
+#include "sim/model/channel.hpp"
 #include "sim/model/model.hpp"
 #include "sim/scene/setup.hpp"
 #include "sim/terms/cable.hpp"
@@ -18,10 +19,19 @@
 
 namespace taut {
 
+/// A parameter that nobody gives: it follows from states of the model. They are the last ones of their table, and 0 at
+/// rest.
+struct StateParameter {
+  int index = -1;     ///< in the table
+  bool past = false;  ///< what it is comes from the state before on a path; else from the state that it has a part in
+  std::unique_ptr<Channel> value;  ///< what it is, of that state
+};
+
 /// A model with a value for each of its parameters: what a forward solve needs.
 struct Scene {
   std::unique_ptr<Model> model;
   Params values;
+  std::vector<StateParameter> states = {};  ///< those that whoever solves it has to see to
 };
 
 /// g and tau of a region's Prony pairs, which count from 0: "g_foam" and "tau_foam", then "g2_foam", "tau2_foam".
@@ -89,6 +99,9 @@ class SceneBuilder {
   void add_cable(const Cable& cable);
   /// A stud in its hole by the table indices in it.
   void add_play(const Play& play);
+  /// An elastic cable that rubs at its inner points, by the table indices in it; its eyelets are made here. Nothing may
+  /// be declared after it.
+  void add_rubbing_cable(Cable& cable);
   /// A joint between two parts, or of one with the world, after their materials. Declares "k_<id>" [N/m] and, with a
   /// motor and without the table index of its `angle` [rad], that as "<id>". The stiffness that is taken from the
   /// bodies is ten times the larger modulus times the thickness (3D: the length of the axis): a load that strains a
@@ -132,6 +145,7 @@ class SceneBuilder {
   int thickness_ = -1;
   ParameterTable parameters_;
   std::vector<double> values_;
+  std::vector<StateParameter> states_;
   std::vector<std::unique_ptr<Term>> terms_;
   std::vector<bool> has_material_;
   std::vector<int> modulus_;       ///< per region: table index of its Young's modulus, -1 without one

@@ -84,9 +84,12 @@ struct CableSettings {
 };
 
 /// All cables, and the law of those that have none of their own: its parameters are "k_cable" and "slack". The
-/// tensions of all that are held are those that were set times "tension_scale"; "cable_friction" is theirs, too.
+/// tensions of all that are held are those that were set times "tension_scale". Friction is "cable_friction" and
+/// "cable_misalignment": of held ones in a rod, of elastic ones where they rub.
 struct CablesSettings : CableLaw {
-  double friction = 0;  ///< coefficient at the eyelets of those that are held; finite elements know none
+  double friction = 0;      ///< coefficient at the eyelets
+  double misalignment = 0;  ///< angle by which each eyelet turns a cable besides [rad]
+  bool rub = false;         ///< elastic ones have friction at their eyelets, were it 0 to begin with
   std::vector<CableSettings> cables;
   std::map<std::string, std::string> columns;          ///< control id to bench column of the retractions
   std::map<std::string, std::string> tension_columns;  ///< and of the tensions

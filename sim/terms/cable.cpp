@@ -3,11 +3,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cmath>
 
 #include "sim/core/error.hpp"
-#include "sim/core/sorted.hpp"
-#include "sim/model/node_set.hpp"
+#include "sim/terms/cable_friction.hpp"
+#include "sim/terms/cable_path.hpp"
 #include "sim/terms/one_sided.hpp"
 
 namespace taut {
@@ -37,97 +36,15 @@ void check(const Mesh& mesh, const Cable& cable) {
   }
 }
 
-/// The path through the points: nodes that govern it, and its length with derivatives with respect to their
-/// displacements.
-class Path {
- public:
-  /// `regular`: the length that a segment without one has [m]; 0: 1e-9 of the path.
-  Path(const Mesh& mesh, const std::vector<CablePoint>& points, double regular) : on_{{}, mesh.dimension()} {
-    std::vector<int>& nodes = on_.nodes;
-    for (const CablePoint& point : points)
-      nodes.insert(nodes.end(), point.material.nodes.begin(), point.material.nodes.end());
-    sort_unique(nodes);
-
-    Eigen::MatrixXd place(on_.dimension, points.size());
-    Eigen::MatrixXd weight = Eigen::MatrixXd::Zero(on_.count(), place.cols());
-    for (Eigen::Index i = 0; i < place.cols(); ++i) {
-      const CablePoint& point = points[i];
-      place.col(i) = point.material.nodes.empty() ? point.fixed : Eigen::VectorXd::Zero(on_.dimension).eval();
-      for (size_t a = 0; a < point.material.nodes.size(); ++a) {
-        const int node = point.material.nodes[a];
-        place.col(i) += point.material.weights[a] * mesh.node(node);
-        weight(std::lower_bound(nodes.begin(), nodes.end(), node) - nodes.begin(), i) += point.material.weights[a];
-      }
-    }
-    const Eigen::Index segments = place.cols() - 1;
-    rest_ = place.rightCols(segments) - place.leftCols(segments);
-    weights_ = weight.rightCols(segments) - weight.leftCols(segments);
-    const double length = rest_.colwise().norm().sum();
-    if (!(length > 0) && regular == 0)
-      throw InputError("a cable has no length at rest; its points must not all be at one place");
-    regular_ = regular > 0 ? regular : 1e-9 * length;
-    for (Eigen::Index s = 0; s < segments; ++s) rest_length_ += regular_length(rest_.col(s));
-  }
-
-  const NodeSet& on() const { return on_; }
-  double rest_length() const { return rest_length_; }
-  double regular() const { return regular_; }  ///< see Path()
-
-  /// L(x) - L0 from the displacements, |d| - |D| = (2 D + d - D) . (d - D) / (|d| + |D|): rounding is relative to the
-  /// elongation, not to the length.
-  double elongation(const Eigen::VectorXd& u) const {
-    const Eigen::MatrixXd change = changes(u);
-    double sum = 0;
-    for (Eigen::Index s = 0; s < rest_.cols(); ++s) {
-      const double lengths = regular_length(rest_.col(s) + change.col(s)) + regular_length(rest_.col(s));
-      sum += (2 * rest_.col(s) + change.col(s)).dot(change.col(s)) / lengths;
-    }
-    return sum;
-  }
-
-  /// dL/du of the nodes' displacements, node by node.
-  Eigen::VectorXd gradient(const Eigen::VectorXd& u) const {
-    const Eigen::MatrixXd difference = rest_ + changes(u);
-    Eigen::MatrixXd g = Eigen::MatrixXd::Zero(on_.dimension, on_.count());
-    for (Eigen::Index s = 0; s < rest_.cols(); ++s)
-      g += difference.col(s) / regular_length(difference.col(s)) * weights_.col(s).transpose();
-    return g.reshaped();
-  }
-
-  /// Adds `factor` d2L/du2: each segment has (I - t t^T)/length in the difference of its ends.
-  void add_hessian(const Eigen::VectorXd& u, double factor, Eigen::MatrixXd& H) const {
-    const Eigen::MatrixXd difference = rest_ + changes(u);
-    const int d = on_.dimension;
-    for (Eigen::Index s = 0; s < rest_.cols(); ++s) {
-      const double length = regular_length(difference.col(s));
-      const Eigen::VectorXd t = difference.col(s) / length;
-      const Eigen::MatrixXd across = (factor / length) * (Eigen::MatrixXd::Identity(d, d) - t * t.transpose());
-      for (Eigen::Index a = 0; a < on_.count(); ++a) {
-        for (Eigen::Index b = 0; b < on_.count(); ++b) {
-          const double w = weights_(a, s) * weights_(b, s);
-          if (w != 0) H.block(a * d, b * d, d, d) += w * across;
-        }
-      }
-    }
-  }
-
- private:
-  double regular_length(const Eigen::VectorXd& d) const { return std::sqrt(d.squaredNorm() + regular_ * regular_); }
-
-  /// How the segments' vectors have changed from rest.
-  Eigen::MatrixXd changes(const Eigen::VectorXd& u) const { return on_.gather(u) * weights_; }
-
-  NodeSet on_;
-  Eigen::MatrixXd rest_;     ///< (dimension x segments): vector from each point to the next, at rest [m]
-  Eigen::MatrixXd weights_;  ///< (nodes x segments): derivative of that vector with respect to a node
-  double regular_ = 0, rest_length_ = 0;
-};
+bool rubs(const Cable& cable) {
+  return !cable.eyelets.empty();
+}
 
 /// The path with the law of its tension.
-class TautPath : public Path {
+class TautPath : public CablePath {
  public:
   TautPath(const Mesh& mesh, const Cable& cable, double regular = 0)
-      : Path(mesh, cable.points, regular),
+      : CablePath(mesh, cable.points, regular),
         held_(cable.tension >= 0),
         factor_(held_ ? cable.tension : cable.stiffness),
         slack_(held_ ? -1 : cable.slack),
@@ -237,6 +154,10 @@ class TensionChannel final : public Channel {
 }  // namespace
 
 std::unique_ptr<Term> make_cable(const Mesh& mesh, Cable cable) {
+  if (rubs(cable)) {
+    check(mesh, cable);
+    return make_rubbing_cable(mesh, cable);
+  }
   return std::make_unique<CableTerm>(checked_path(mesh, cable), cable.share);
 }
 
@@ -257,6 +178,12 @@ std::unique_ptr<Channel> make_cable_length(const Mesh& mesh, const Cable& cable)
 }
 
 std::unique_ptr<Channel> make_cable_tension(const Mesh& mesh, const Cable& cable) {
+  if (rubs(cable)) return make_segment_tension(mesh, cable, 0);
+  return std::make_unique<TensionChannel>(mesh, cable);
+}
+
+std::unique_ptr<Channel> make_cable_end_tension(const Mesh& mesh, const Cable& cable) {
+  if (rubs(cable)) return make_segment_tension(mesh, cable, static_cast<Eigen::Index>(cable.eyelets.size()));
   return std::make_unique<TensionChannel>(mesh, cable);
 }
 

@@ -118,6 +118,23 @@ std::string creep_csv(const std::vector<double>& dwells) {
   return csv;
 }
 
+TEST_F(MemoryBench, ALoadThatIsReadAgainHasActedAllTheWhile) {
+  // A creep curve: one load, read after 10, 60 and 180 s, said by dwells or by times.
+  const Eigen::VectorXd by_dwell =
+      predicted(bar_toml("dwell = \"dwell_s\""), "pull_mN,tip_um,dwell_s\n1,1,10\n1,1,60\n1,1,180\n");
+  const Eigen::VectorXd by_time =
+      predicted(bar_toml("time = \"t_s\""), "pull_mN,tip_um,t_s\n1,1,10\n1,1,60\n1,1,180\n");
+  const double read[] = {10, 60, 180};
+  for (int r = 0; r < 3; ++r) {
+    EXPECT_NEAR(by_dwell[r], at_once * J(read[r]), steps_error * at_once * g) << read[r];
+    EXPECT_NEAR(by_time[r], by_dwell[r], 1e-12) << read[r];
+  }
+  refuses(bar_toml("dwell = \"dwell_s\""), "pull_mN,tip_um,dwell_s\n1,1,10\n1,1,10\n",
+          {"line 3", "no longer than in line 2", "rest"});
+  refuses(bar_toml("time = \"t_s\"\norder = \"n\""), "pull_mN,tip_um,t_s,n\n1,1,10,2\n2,1,60,1\n",
+          {"line 2", "before line 3", "order"});
+}
+
 TEST_F(MemoryBench, OneModulusAndOnePairAreRecoveredFromDwellsOfTwoDecades) {
   const std::unique_ptr<Bench> bench =
       open(bar_toml("dwell = \"dwell_s\"\nrest = \"3600 s\"", all_free), creep_csv({2, 10, 30, 60, 120, 300}));
