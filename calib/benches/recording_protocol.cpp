@@ -16,6 +16,8 @@ namespace {
 
 /// A step so long that nothing of the past counts: it ends in equilibrium, and carries its derivatives.
 constexpr double kQuasiStatic = 1e6;  // [s]
+/// In which all relaxes that may.
+constexpr double kForEver = 1e15;  // [s]
 
 /// State, velocity and their derivatives with respect to what is tracked, at a time.
 struct Instant {
@@ -57,7 +59,8 @@ RecordingProtocol::RecordingProtocol(Scene scene, std::vector<NamedChannel> chan
     const Recording& recording = recordings_[r];
     const auto same = [&](const Trajectory& trajectory) {
       const Recording& other = recordings_[static_cast<size_t>(trajectory.recordings.front())];
-      return other.set == recording.set && other.takes == recording.takes && other.held == recording.held;
+      return other.set == recording.set && other.takes == recording.takes && other.held == recording.held &&
+             other.held_for == recording.held_for;
     };
     auto found = std::find_if(trajectories_.begin(), trajectories_.end(), same);
     if (found == trajectories_.end()) found = trajectories_.emplace(trajectories_.end());
@@ -153,7 +156,8 @@ class RecordingProtocol::Run {
     TimeStepperOptions options;
     options.integrator = of_.options_.integrator;
     options.equilibrium = of_.options_.equilibrium;
-    options.step = from_rest ? of_.options_.step : kQuasiStatic;  // the longest; each is ended below
+    const bool relaxes = of_.scene_.model->memory_size() > 0;
+    options.step = from_rest || relaxes ? of_.options_.step : kQuasiStatic;  // the longest; each is ended below
     options.shortest = 1e-6 * of_.options_.step / options.step;
     TimeStepper stepper(*of_.scene_.model, options);
     released_ = from_rest;
@@ -223,6 +227,7 @@ class RecordingProtocol::Run {
   bool release_from_equilibrium(TimeStepper& stepper, const Eigen::VectorXd& zero) {
     Params rest = held_;
     for (int index : of_.off_at_rest_) rest[index] = 0;
+    if (of_.scene_.model->memory_size() > 0) return release_what_relaxes(stepper, zero, rest);
     Equilibrium equilibrium(*of_.scene_.model, of_.options_.equilibrium);
     equilibrium.start_at_rest(rest);
     const SolveReport& solve = equilibrium.solve(held_);
@@ -238,6 +243,28 @@ class RecordingProtocol::Run {
     }
     stepper.restart();
     released_ = true;
+    return true;
+  }
+
+  bool release_what_relaxes(TimeStepper& stepper, const Eigen::VectorXd& zero, const Params& rest) {
+    const double seconds = recording(trajectory_.recordings.front()).held_for;
+    QuasiStatics statics(*of_.scene_.model, of_.options_.equilibrium);
+    statics.start_at_rest(rest, static_cast<int>(tracked_.size()));
+    SolveReport held = statics.advance(held_, held_derivative_, 0);
+    trajectory_.factorisations += held.factorisations;
+    if (held.status == SolveStatus::converged && seconds > 0) {
+      held = std::isfinite(seconds) ? statics.hold(held_, held_derivative_, seconds)
+                                    : statics.advance(held_, held_derivative_, kForEver);
+      trajectory_.factorisations += held.factorisations;
+    }
+    if (held.status != SolveStatus::converged) {
+      trajectory_.failure = "no equilibrium while it is held: " + held.message();
+      return false;
+    }
+    released_ = true;
+    stepper.start(
+        0, statics.u(), zero, [&](double) { return moving_; }, statics.du());
+    stepper.remember(statics.memory(), statics.dmemory_after());
     return true;
   }
 

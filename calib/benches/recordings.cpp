@@ -97,6 +97,14 @@ RecordingSettings read_recording(TableReader& table, const RecordingSettings& co
   recording.id = recording.case_id + (recording.trial.empty() ? "" : "_" + recording.trial);
   recording.loads = read_values(table, "loads", experiment);
   recording.held = read_values(table, "held", experiment);
+  if (const auto seconds = table.optional_quantity("held_for", Quantity::time)) {
+    if (recording.held.empty() || !experiment.remembers() || *seconds < 0)
+      table.fail(
+          "held_for",
+          "a time of zero or more for which what relaxes ([materials.REGION] prony) was 'held'; leave it out, or "
+          "give those");
+    recording.held_for = *seconds;
+  }
   recording.release = table.optional_quantity("release", Quantity::time).value_or(0);
   read_window(table, experiment.bench, recording);
   if (auto rest = table.optional_table("rest")) read_rest(*rest, experiment.bench, recording);
@@ -304,6 +312,7 @@ std::vector<Recording> declare_recordings(const Experiment& experiment, SceneBui
   for (const RecordingSettings& settings : bench.recordings) {
     Recording& recording = recordings.emplace_back();
     recording.id = settings.id;
+    recording.held_for = settings.held_for;
     for (const auto& [id, value] : settings.loads) recording.set.emplace_back(table.index(id), value);
     for (const auto& [id, value] : settings.held) {
       const int index = table.index(id);

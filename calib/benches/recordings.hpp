@@ -17,6 +17,7 @@ struct RecordingSettings {
   std::string path, case_id, trial;
   std::map<std::string, double> loads;  ///< load id to its value in this recording, SI
   std::map<std::string, double> held;   ///< loads that act until the release only
+  double held_for = infinity;           ///< [s]
   double release = 0;                   ///< [s] on the recording's clock
   double from = -std::numeric_limits<double>::infinity(), until = std::numeric_limits<double>::infinity();  ///< [s]
   int every = 1;

@@ -29,6 +29,8 @@ class QuasiStatics {
   const Eigen::MatrixXd& du() const { return du_; }                   ///< with respect to what is tracked
   const TimeStep& step() const { return step_; }                      ///< that ended in this state
   const Eigen::MatrixXd& dmemory() const { return dmemory_before_; }  ///< of step().memory
+  const Eigen::VectorXd& memory() const { return memory_; }           ///< Model::remember() at its end
+  const Eigen::MatrixXd& dmemory_after() const { return dmemory_; }   ///< of memory()
 
  private:
   Equilibrium equilibrium_;

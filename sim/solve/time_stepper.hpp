@@ -57,6 +57,11 @@ class TimeStepper {
   /// track() goes on from, (unknowns x count); empty: zero.
   void start(double t, const Eigen::VectorXd& u, const Eigen::VectorXd& v, const Schedule& schedule,
              const Eigen::MatrixXd& du = {});
+  /// What is remembered there, with its derivatives, where that was not come to at once from rest: as of QuasiStatics.
+  void remember(const Eigen::VectorXd& memory, const Eigen::MatrixXd& dmemory) {
+    memory_ = memory;
+    dmemory_ = dmemory;
+  }
   /// One accepted step, not beyond `until`. False when even the shortest step fails, or on interruption: the state
   /// stays.
   bool advance(double until);
