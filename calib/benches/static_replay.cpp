@@ -91,16 +91,14 @@ void refuse_contradictions(const Experiment& experiment, const Trials& trials) {
   for (const Reading& reading : trials.readings) {
     if (reading.excluded || std::isnan(reading.order)) continue;
     const Reading& same = *states.emplace(reading.order, &reading).first->second;
-    if (same.controls != reading.controls)
+    const auto differ = std::ranges::mismatch(same.controls, reading.controls).in1 - same.controls.begin();
+    if (differ < std::ssize(same.controls))
       throw FileError(
           experiment.bench.path,
           fmt::format("lines {} and {}: both have the order {:.10g}, but not the same '{}'; a number stands for "
                       "one state: give each its own",
-                      same.line, reading.line, reading.order, [&] {
-                        size_t k = 0;
-                        while (same.controls[k] == reading.controls[k]) ++k;
-                        return experiment.bench.controls[k].id;
-                      }()));
+                      same.line, reading.line, reading.order,
+                      experiment.bench.controls[static_cast<size_t>(differ)].id));
   }
   if (direction < 0) return;
   const Reading* before = nullptr;

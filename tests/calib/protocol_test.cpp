@@ -51,7 +51,7 @@ StaticProtocol beam(const ProtocolSetup& setup) {
   return {builder.build(), std::move(channels), {force, push}, {g}, rows, options};
 }
 
-const std::vector<std::vector<double>> kLoads = {{0, 0}, {0.1, 0}, {0.2, 0.1}, {0.3, -0.2}};
+const std::vector<std::vector<double>> kPulls = {{0, 0}, {0.1, 0}, {0.2, 0.1}, {0.3, -0.2}};
 
 std::vector<int> some_free(const StaticProtocol& protocol) {
   std::vector<int> free;
@@ -65,7 +65,7 @@ double largest(const Eigen::VectorXd& v) {
 
 TEST(StaticProtocol, DerivativesAreThoseOfTheWholePrediction) {
   for (const bool from_unloaded : {false, true}) {
-    StaticProtocol protocol = beam({kLoads, from_unloaded, 1, {.step_tolerance = 1e-11}});
+    StaticProtocol protocol = beam({kPulls, from_unloaded, 1, {.step_tolerance = 1e-11}});
     const std::vector<int> free = some_free(protocol);
     const Params p = protocol.nominal();
     const Prediction at = protocol.predict(p, free);
@@ -90,8 +90,8 @@ TEST(StaticProtocol, DerivativesAreThoseOfTheWholePrediction) {
 }
 
 TEST(StaticProtocol, DisplacementsFromTheUnloadedStateLackItsValueAndItsDerivative) {
-  StaticProtocol from_rest = beam({kLoads});
-  StaticProtocol from_unloaded = beam({kLoads, true});
+  StaticProtocol from_rest = beam({kPulls});
+  StaticProtocol from_unloaded = beam({kPulls, true});
   const std::vector<int> free = some_free(from_rest);
   const Prediction a = from_rest.predict(from_rest.nominal(), free);
   const Prediction b = from_unloaded.predict(from_unloaded.nominal(), free);
@@ -107,14 +107,14 @@ TEST(StaticProtocol, DisplacementsFromTheUnloadedStateLackItsValueAndItsDerivati
 }
 
 TEST(StaticProtocol, TheUnloadedStateIsSolvedEvenWhenNoRowAsksForIt) {
-  StaticProtocol with = beam({kLoads, true}), without = beam({{kLoads[2]}, true});
+  StaticProtocol with = beam({kPulls, true}), without = beam({{kPulls[2]}, true});
   EXPECT_EQ(without.conditions().size(), 2u);
   EXPECT_EQ(without.row_count(), 2);
   EXPECT_NEAR(without.predict(without.nominal(), {}).values[0], with.predict(with.nominal(), {}).values[4], 1e-10);
 }
 
 TEST(StaticProtocol, AWarmStartGivesTheAnswerOfAColdOne) {
-  StaticProtocol warm = beam({kLoads}), cold = beam({kLoads});
+  StaticProtocol warm = beam({kPulls}), cold = beam({kPulls});
   const std::vector<int> free = some_free(warm);
   Params p = warm.nominal();
   warm.predict(p, free);
@@ -133,7 +133,7 @@ TEST(StaticProtocol, AWarmStartGivesTheAnswerOfAColdOne) {
 }
 
 TEST(StaticProtocol, ASearchTakesFewerFactorisationsForTheSameValuesAndNearlyTheSameDerivatives) {
-  StaticProtocol quick = beam({kLoads}), full = beam({kLoads});
+  StaticProtocol quick = beam({kPulls}), full = beam({kPulls});
   const std::vector<int> free = some_free(full);
   Params p = full.nominal();
   quick.begin_search();
@@ -150,7 +150,7 @@ TEST(StaticProtocol, ASearchTakesFewerFactorisationsForTheSameValuesAndNearlyThe
 }
 
 TEST(StaticProtocol, AfterForgettingThePastPredictionsAreThoseOfANewProtocolToTheLastBit) {
-  StaticProtocol old = beam({kLoads}), fresh = beam({kLoads});
+  StaticProtocol old = beam({kPulls}), fresh = beam({kPulls});
   const std::vector<int> free = some_free(old);
   Params p = old.nominal();
   p[free[0]] *= 2;
@@ -166,7 +166,7 @@ TEST(StaticProtocol, AfterForgettingThePastPredictionsAreThoseOfANewProtocolToTh
 }
 
 TEST(StaticProtocol, TheNumberOfThreadsDoesNotChangeABit) {
-  StaticProtocol one = beam({kLoads, true, 1}), two = beam({kLoads, true, 2}), many = beam({kLoads, true, 16});
+  StaticProtocol one = beam({kPulls, true, 1}), two = beam({kPulls, true, 2}), many = beam({kPulls, true, 16});
   const std::vector<int> free = some_free(one);
   Params p = one.nominal();
   for (const double factor : {1.0, 1.4, 0.8}) {  // cold, then twice warm
@@ -193,7 +193,7 @@ TEST(StaticProtocol, RowsWithTheSameControlsShareTheirSolve) {
 }
 
 TEST(StaticProtocol, RowsMayRepeatAChannelInAnyOrderAndKeepTheirPlace) {
-  StaticProtocol forward = beam({kLoads}), backward = beam({{kLoads.rbegin(), kLoads.rend()}});
+  StaticProtocol forward = beam({kPulls}), backward = beam({{kPulls.rbegin(), kPulls.rend()}});
   const Eigen::VectorXd a = forward.predict(forward.nominal(), {}).values;
   const Eigen::VectorXd b = backward.predict(backward.nominal(), {}).values;
   for (Eigen::Index load = 0; load < 4; ++load) {
@@ -252,7 +252,7 @@ TEST(StaticProtocol, ARaisedStopFlagEndsThePredictionAsAFailure) {
   const std::atomic<bool> stop{true};
   EquilibriumOptions options;
   options.stop = &stop;
-  StaticProtocol protocol = beam({kLoads, false, 2, options});
+  StaticProtocol protocol = beam({kPulls, false, 2, options});
   const Prediction prediction = protocol.predict(protocol.nominal(), {});
   EXPECT_EQ(prediction.failures.size(), protocol.conditions().size());
   EXPECT_TRUE(prediction.values.array().isNaN().all());

@@ -7,8 +7,8 @@ namespace {
 
 using namespace test;
 
-enum { stiffness, slack, retraction, friction, misalignment, first_state };
-constexpr double k = 700;
+enum { of_k, of_slack, of_retraction, of_friction, of_misalignment, first_state };
+constexpr double spring = 700;
 
 /// A rubbing cable with the values of its parameters.
 struct Rubbing {
@@ -19,15 +19,15 @@ struct Rubbing {
 
   Rubbing(Mesh body, std::vector<CablePoint> points, double mu) : mesh(std::move(body)) {
     cable.points = std::move(points);
-    cable.stiffness = stiffness;
-    cable.slack = slack;
-    cable.retraction = retraction;
-    cable.friction = friction;
-    cable.misalignment = misalignment;
+    cable.stiffness = of_k;
+    cable.slack = of_slack;
+    cable.retraction = of_retraction;
+    cable.friction = of_friction;
+    cable.misalignment = of_misalignment;
     for (int i = 0; i < eyelets(); ++i) cable.eyelets.push_back({first_state + 2 * i, first_state + 2 * i + 1});
     p = Params::Zero(first_state + 2 * eyelets());
-    p[stiffness] = k;
-    p[friction] = mu;
+    p[of_k] = spring;
+    p[of_friction] = mu;
     u = Eigen::VectorXd::Zero(mesh.X.size());
   }
 
@@ -64,7 +64,7 @@ struct Rubbing {
     p = next;
   }
   void retract(double to) {
-    p[retraction] = to;
+    p[of_retraction] = to;
     settle();
   }
 };
@@ -104,7 +104,7 @@ TEST(CableFriction, AMisalignmentTurnsACableThatRunsStraight) {
   Rubbing rubbing = around_pins({{-2, 0}, {-1, 0}}, 0.3);
   rubbing.retract(0.01);
   EXPECT_EQ(rubbing.tension(0), rubbing.tension(1));
-  rubbing.p[misalignment] = 0.1;
+  rubbing.p[of_misalignment] = 0.1;
   rubbing.settle();
   EXPECT_NEAR(rubbing.tension(0) / rubbing.tension(1), std::exp(0.03), 1e-12);
 }
@@ -151,18 +151,18 @@ TEST(CableFriction, TwoSegmentsAroundAPinGoRoundTheirLoopInClosedForm) {
   Rubbing rubbing = around_one_pin(mu);
   const auto expect = [&](double u, double first, double second) {
     rubbing.retract(u);
-    EXPECT_NEAR(rubbing.tension(0), first, 1e-11 * k * U) << u;
-    EXPECT_NEAR(rubbing.tension(1), second, 1e-11 * k * U) << u;
+    EXPECT_NEAR(rubbing.tension(0), first, 1e-11 * spring * U) << u;
+    EXPECT_NEAR(rubbing.tension(1), second, 1e-11 * spring * U) << u;
     rubbing.remember();
   };
-  for (const double u : {0.01, 0.02, U}) expect(u, 2 * k * u / (1 + r), 2 * k * u * r / (1 + r));
+  for (const double u : {0.01, 0.02, U}) expect(u, 2 * spring * u / (1 + r), 2 * spring * u * r / (1 + r));
   for (const double u : {0.95 * U, (0.2 + 0.8 * r) * U, 1.0001 * r * U})
-    expect(u, 2 * k * (u - r * U / (1 + r)), 2 * k * r * U / (1 + r));
+    expect(u, 2 * spring * (u - r * U / (1 + r)), 2 * spring * r * U / (1 + r));
   for (const double u : {0.8 * r * U, 0.3 * r * U, 0.01 * r * U})
-    expect(u, 2 * k * u * r / (1 + r), 2 * k * u / (1 + r));
+    expect(u, 2 * spring * u * r / (1 + r), 2 * spring * u / (1 + r));
   // In one step from the top, too.
   rubbing.slip(0) = r * U / (1 + r);
-  expect(0.5 * r * U, k * r * U * r / (1 + r), k * r * U / (1 + r));
+  expect(0.5 * r * U, spring * r * U * r / (1 + r), spring * r * U / (1 + r));
 }
 
 TEST(CableFriction, EyeletsThatStickDoSoExactlyHoweverOftenTheyAreSolvedAgain) {
@@ -172,7 +172,7 @@ TEST(CableFriction, EyeletsThatStickDoSoExactlyHoweverOftenTheyAreSolvedAgain) {
   rubbing.remember();
   const Params before = rubbing.p;
   for (int again = 0; again < 1000; ++again) {
-    rubbing.p[retraction] = 0.03 * (1 - 0.02 * random_vector(1, random).cwiseAbs().cwiseMin(1)[0]);
+    rubbing.p[of_retraction] = 0.03 * (1 - 0.02 * random_vector(1, random).cwiseAbs().cwiseMin(1)[0]);
     rubbing.settle();
     rubbing.remember();
   }
@@ -183,7 +183,7 @@ TEST(CableFriction, EyeletsThatStickDoSoExactlyHoweverOftenTheyAreSolvedAgain) {
 
 TEST(CableFriction, ASlackCableHasNoTensionAndPullsOnceItIsTaut) {
   Rubbing rubbing = around_pins({{-3, 0}, {-2, 0.4}, {-1.2, -0.3}, {-0.5, 0.2}}, 0.3);
-  rubbing.p[slack] = 0.01;
+  rubbing.p[of_slack] = 0.01;
   rubbing.retract(0.004);
   for (int j = 0; j < 4; ++j) EXPECT_LT(rubbing.tension(j), 1e-30);
   rubbing.remember();
@@ -208,9 +208,9 @@ Rubbing through_a_body(ElementShape shape, double smoothing, double bounds) {
   Rubbing rubbing(std::move(mesh), std::move(points), 0.3);
   rubbing.cable.smoothing = smoothing;
   rubbing.u = random_state(rubbing.mesh, 0.1, 0.01, 5);
-  rubbing.p[misalignment] = 0.05;
-  rubbing.p[slack] = 0.004;
-  rubbing.p[retraction] = 0.03;
+  rubbing.p[of_misalignment] = 0.05;
+  rubbing.p[of_slack] = 0.004;
+  rubbing.p[of_retraction] = 0.03;
   const double slips[] = {24e-3, 14e-3, 20e-3, 6e-3};
   for (int i = 0; i < rubbing.eyelets(); ++i) {
     rubbing.bound(i) = bounds;
@@ -247,7 +247,7 @@ TEST(CableFriction, GradientHessianAndParameterDerivativesAreThoseOfTheEnergy) {
 TEST(CableFriction, WithoutBoundsTheEnergyIsThatOfACableThatDoesNotRub) {
   for_each_rubbing_cable([&](Rubbing rubbing) {
     for (const double retracted : {0.03, -0.0139}) {
-      rubbing.p[retraction] = retracted;
+      rubbing.p[of_retraction] = retracted;
       for (int i = 0; i < rubbing.eyelets(); ++i) rubbing.bound(i) = 0;
       const TermUnderTest t = rubbing.term("rubs");
       rubbing.cable.eyelets.clear();
