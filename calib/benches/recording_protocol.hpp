@@ -19,8 +19,8 @@ struct Recording {
   /// The same for loads that act until the release and have their nominal value afterwards. None: the body is held in
   /// its rest shape, without loads; else in equilibrium with gravity, the set loads and these.
   std::vector<std::pair<int, int>> held;
-  double held_for = infinity;  ///< [s]; what relaxes has done so for as long when it is let go
   int release = -1;            ///< parameter that holds the time of the release on the recording's clock [s]; -1: 0
+  double held_for = infinity;  ///< [s]; what relaxes has done so for as long when it is let go
 };
 
 /// One sample: what a channel showed at a time of the recording's clock.

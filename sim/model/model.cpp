@@ -1,7 +1,6 @@
 #include "sim/model/model.hpp"
 
 #include <algorithm>
-#include <iterator>
 #include <stdexcept>
 
 #include "sim/core/sorted.hpp"
@@ -12,12 +11,14 @@ Model::Model(Mesh mesh, ParameterTable parameters, std::vector<std::unique_ptr<T
              std::vector<Support> supports, std::vector<Body> bodies, std::vector<LooseBody> loose)
     : mesh_(std::move(mesh)),
       parameters_(std::move(parameters)),
-      terms_(std::make_move_iterator(terms.begin()), std::make_move_iterator(terms.end())),
       supports_(std::move(supports)),
       bodies_(std::move(bodies)),
       loose_(std::move(loose)) {
   length_scale_ = mesh_.diagonal();
-  for (const auto& term : terms_) memory_size_ += term->place_memory(memory_size_);
+  for (std::unique_ptr<Term>& term : terms) {
+    memory_size_ += term->place_memory(memory_size_);
+    terms_.push_back(std::move(term));
+  }
   std::vector<bool> fixed(unknowns(), false);
   for (const Support& support : supports_) {
     if (fixed[support.dof]) throw std::logic_error("a displacement component is prescribed twice");
@@ -33,6 +34,7 @@ Model::Model(Mesh mesh, ParameterTable parameters, std::vector<std::unique_ptr<T
 }
 
 Model::Model(const Model& base, std::unique_ptr<Term> more) : Model(base) {
+  memory_size_ += more->place_memory(memory_size_);
   terms_.push_back(std::move(more));
   slots_.clear();
   pattern_ = {};
