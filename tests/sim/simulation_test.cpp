@@ -1,5 +1,6 @@
 #include "sim/files/simulation.hpp"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -427,6 +428,85 @@ INSTANTIATE_TEST_SUITE_P(All, WrongSimulation, testing::ValuesIn(mistakes), [](c
   for (char& c : name) c = std::isalnum(static_cast<unsigned char>(c)) != 0 ? c : '_';
   return name;
 });
+
+TEST(Workspace, ControlsGoToAndFroInTimesOfTheirOwnDwellAtTheirEndsAndMoveByNoMoreThanAnEighth) {
+  // Two bars, each shortened by its own tendon in proportion to its tension: a channel says where a control is.
+  std::string toml = R"(title = "Two bars"
+[simulation]
+duration = "1 ms"
+step = "1 ms"
+thickness = "10 mm"
+[materials.rubber]
+law = "neo_hookean"
+E = "1 GPa"
+nu = 0
+density = "1000 kg/m3"
+)";
+  for (const std::string name : {"a", "b"}) {
+    toml += fmt::format(R"([[body]]
+name = "{0}"
+geometry = {{ kind = "rectangle", size = ["20 mm", "10 mm"], region = "rubber" }}
+mesh = {{ cells = [2, 1], element = "linear" }}
+at = ["0 mm", "{1} mm"]
+clamped = ["xmin"]
+[[control]]
+id = "{0}"
+start = "0 N"
+[[cable]]
+id = "{0}_tendon"
+body = "{0}"
+x = ["0 mm", "20 mm"]
+y = ["5 mm", "5 mm"]
+tension = "{0}"
+[[channel]]
+id = "{0}_end"
+kind = "displacement"
+of = "{0}.xmax"
+direction = [-1, 0]
+)",
+                        name, name == "a" ? 0 : 30);
+  }
+  toml += R"([workspace]
+x = "a_end"
+y = "b_end"
+samples = 480
+[[workspace.mode]]
+name = "both"
+a = ["1 N", "3 N"]
+b = ["2 N", "1 N"]
+)";
+  const TemporaryFolder folder;
+  const Simulation simulation = read_simulation(folder.write("experiment.toml", toml));
+  const Robot robot = make_robot(simulation);
+  const WorkspaceResult result = sample_workspace(simulation, robot, simulation.workspace->modes.front());
+  EXPECT_EQ(result.failures, 0);
+  ASSERT_EQ(result.points.size(), 482u);
+  const Eigen::Vector2d upper = result.points[0], lower = result.points[1];
+  EXPECT_NEAR(upper[0] / lower[0], 3, 1e-3);
+  EXPECT_NEAR(upper[1] / lower[1], 0.5, 1e-3);
+  double turns[2];
+  for (int k : {0, 1}) {
+    const auto at = [&](size_t i) { return (result.points[i][k] - lower[k]) / (upper[k] - lower[k]); };
+    int ends[2] = {0, 0}, crossings = 0;
+    size_t first = 0, last = 0;
+    double fastest = 0;
+    for (size_t i = 2; i < 482; ++i) {
+      EXPECT_NEAR(at(i), 0.5, 0.501);
+      ends[0] += at(i) < 1e-3;
+      ends[1] += at(i) > 0.999;
+      if (i == 2) continue;
+      fastest = std::max(fastest, std::abs(at(i) - at(i - 1)));
+      if ((at(i) - 0.5) * (at(i - 1) - 0.5) >= 0) continue;
+      if (++crossings == 1) first = i;
+      last = i;
+    }
+    EXPECT_LT(fastest, 0.126);
+    EXPECT_GT(ends[0], 60);
+    EXPECT_GT(ends[1], 60);
+    turns[k] = 0.5 * (crossings - 1) / static_cast<double>(last - first);
+  }
+  EXPECT_NEAR(turns[1] / turns[0], std::sqrt(3.0 / 2), 0.02) << "primes 2 and 3";
+}
 
 }  // namespace
 }  // namespace taut
