@@ -13,9 +13,9 @@ namespace {
 
 using namespace test;
 
-const std::string kWhole = beam_toml +
+const std::string kWhole = replaced(beam_toml, "cells = [10, 4]", "cells = [4, 1]") +
                            "\n[fit.diagnostic]\nparameter = \"E_foam\"\nper = \"pull\"\n"
-                           "\n[[fit.variant]]\nname = \"coarser\"\ncells = [6, 2]\n";
+                           "\n[[fit.variant]]\nname = \"coarser\"\ncells = [3, 1]\n";
 
 class RunFit : public testing::Test {
  protected:
