@@ -20,7 +20,7 @@ struct Line {
     Eigen::VectorXd y(n);
     for (Eigen::Index i = 0; i < n; ++i) {
       X(i, 0) = 1;
-      X(i, 1) = static_cast<double>(i + i / 7);
+      X(i, 1) = static_cast<double>(i > 6 ? i + 1 : i);
       if (step) X(i, 2) = i > 6 ? 1 : 0;
       y[i] = 3 + 0.5 * X(i, 1) + 0.3 * std::sin(7.0 * static_cast<double>(i));
     }

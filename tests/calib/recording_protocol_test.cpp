@@ -217,6 +217,37 @@ TEST(RecordingProtocol, DerivativesOfRowsAreThoseOfTheRows) {
   }
 }
 
+TEST(RecordingProtocol, AStepFromRestThatFailsIsHalved) {
+  // Under a load that bends the bar by a sixth of its length at once: three iterations are too few for a step of 1 ms.
+  const auto falling = [](double step, int max_iterations) {
+    SceneBuilder builder(rectangle(graded(0.1, 4), graded(0.01, 1), 2, "bar"), Plane::strain, 0.02);
+    builder.add_solid("bar", "neo_hookean", {{"E", 2e5}, {"nu", 0.3}});
+    builder.add_inertia("bar", 1000);
+    builder.fix("xmin", {0, 1});
+    const int pull = builder.declare({"pull", "F", "N", -10, 10, "force"}, 0);
+    builder.add_force("xmax", Eigen::Vector2d(0, -1), pull);
+    const int release = builder.declare({"release", "t0", "s", -1, 1, "release"}, 0);
+    std::vector<NamedChannel> channels;
+    channels.push_back({"tip", make_linear_channel(mean_weights(builder.mesh(), builder.mesh().select("xmax"),
+                                                                Eigen::Vector2d(0, -1)))});
+    RecordingProtocol::Options options;
+    options.integrator = Integrator::implicit_euler;
+    options.step = step;
+    options.equilibrium.max_iterations = max_iterations;
+    options.equilibrium.max_halvings = 0;
+    return RecordingProtocol(builder.build(), std::move(channels), {pull}, {{"fall", {{pull, 1.0}}, {}, {}, release}},
+                             {{0, 0, 0.004}, {0, 0, 0.008}}, options);
+  };
+  const auto predict = [](RecordingProtocol protocol) { return protocol.predict(protocol.nominal(), {}); };
+  const Prediction exact = predict(falling(5e-5, 40)), whole = predict(falling(1e-3, 40));
+  const Prediction halved = predict(falling(1e-3, 3));
+  ASSERT_TRUE(halved.complete()) << halved.failures.front();
+  for (int i : {0, 1}) {  // shorter steps come nearer
+    EXPECT_GT(whole.values[i], 1.03 * exact.values[i]);
+    EXPECT_LT(std::abs(halved.values[i] - exact.values[i]), 0.6 * std::abs(whole.values[i] - exact.values[i]));
+  }
+}
+
 TEST(RecordingProtocol, TheNumberOfThreadsDoesNotChangeABit) {
   RecordingProtocol one = cantilever(Integrator::bdf2, 1), two = cantilever(Integrator::bdf2, 2);
   const std::vector<int> free = {one.parameters().index("E_bar"), one.parameters().index("hand_2")};

@@ -2,7 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "calib/runs/open_bench.hpp"
+#include "sim/core/units.hpp"
 #include "tests/support/experiment_files.hpp"
 
 namespace taut {
@@ -10,15 +13,15 @@ namespace {
 
 using namespace test;
 
-const std::string kWhole = beam_toml +
+const std::string kWhole = replaced(beam_toml, "cells = [10, 4]", "cells = [4, 1]") +
                            "\n[fit.diagnostic]\nparameter = \"E_foam\"\nper = \"pull\"\n"
-                           "\n[[fit.variant]]\nname = \"coarser\"\ncells = [6, 2]\n";
+                           "\n[[fit.variant]]\nname = \"coarser\"\ncells = [3, 1]\n";
 
 class RunFit : public testing::Test {
  protected:
-  RunRecord run(const RunEvents& events) {
-    folder.write("bench.csv", beam_csv);
-    const std::unique_ptr<Bench> bench = open_bench(folder.write("experiment.toml", kWhole));
+  RunRecord run(const RunEvents& events, const std::string& toml = kWhole, const std::string& csv = beam_csv) {
+    folder.write("bench.csv", csv);
+    const std::unique_ptr<Bench> bench = open_bench(folder.write("experiment.toml", toml));
     EvaluationLog log(folder / ("log_" + std::to_string(logs++)), "test");
     return run_fit(*bench, start_record(*bench), log, {}, events);
   }
@@ -55,6 +58,30 @@ TEST_F(RunFit, AStageThatThrowsIsARemarkAndCostsItselfAlone) {
     EXPECT_TRUE(parts < all || faulty == "the replay" || faulty == "the scatter" || faulty == "other equilibria")
         << faulty;
   }
+}
+
+TEST_F(RunFit, PartsWhoseModuliScatterAreAShareOfTheirSpreadAndSayWhatTheNextOneWillBe) {
+  // Drops in proportion to the loads over moduli of 0.8, 1 and 1.25 of a middle one: their logarithms differ by
+  // ln 1.25.
+  const std::string toml =
+      replaced(beam_toml, "0.1 mm", "0.001 mm") + "\n[fit.diagnostic]\nparameter = \"E_foam\"\nper = \"pull\"\n";
+  const RunRecord record = run({}, toml, "trial,pull_N,tip_mm\na,0.001,0.3\na,0.002,0.48\na,0.004,0.768\n");
+  ASSERT_EQ(record.fit.status, FitStatus::converged) << record.fit.message;
+  ASSERT_EQ(record.diagnostics.size(), 3u);
+  EXPECT_NEAR(record.diagnostics[1].value / record.diagnostics[0].value, 1.25, 1e-3);
+  EXPECT_NEAR(record.diagnostics[2].value / record.diagnostics[1].value, 1.25, 1e-3);
+  const auto share = std::ranges::find(record.shares, "scatter between pulls", &Share::source);
+  ASSERT_NE(share, record.shares.end());
+  // Student's t with two degrees of freedom.
+  const ParameterEstimate& modulus = record.fit.parameters.front();
+  const double between = std::log(1.25) * modulus.value, t = 4.302653;
+  EXPECT_EQ(share->bias, std::vector<double>{0});
+  ASSERT_EQ(share->error.size(), 1u);
+  EXPECT_NEAR(share->error[0] / (t * between / std::sqrt(3)), 1, 2e-3);
+  EXPECT_EQ(share->how, "3 values of E_foam scatter by " + with_unit(between, "Pa", 2) +
+                            " beyond their errors (one standard deviation); another pull is predicted to +- " +
+                            with_unit(t * between * std::sqrt(4.0 / 3), "Pa", 2));
+  EXPECT_LE(*modulus.total_lower95, *modulus.lower95);
 }
 
 TEST(RunFitOfSolids, RowsOfTheSolidHaveNoShareOfAPlaneSection) {

@@ -5,6 +5,7 @@
 #include "calib/benches/specimens_bench.hpp"
 #include "calib/fit/fit.hpp"
 #include "calib/runs/open_bench.hpp"
+#include "calib/runs/run_fit.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/static_bench.hpp"
 
@@ -197,6 +198,34 @@ TEST_F(Specimens, SettingsOfSomeOfThemArePredictedWithTheParametersOfAll) {
   EXPECT_TRUE(lengths->protocol().parameters().contains("E_boom_2"));
   expect_input_error([&] { lengths->at_loads(folder_.write("rows.csv", "length_mm,pull_N\n90,0.001\n")); },
                      {"length 90 mm", "no such specimen"});
+}
+
+TEST_F(Specimens, AWholeRunDrawsACurveOfEachAndFitsItsVariantsToAll) {
+  const std::string toml = replaced(boom_toml, "model = \"beam\"\n", "") +
+                           "\n[fit]\nmesh_share = false\n\n[[fit.variant]]\nname = \"coarse\"\ncells = [8, 1]\n";
+  const std::unique_ptr<Bench> bench = open(toml, boom_csv({0.08, 0.12}));
+  EvaluationLog log(folder_ / "log", "test");
+  const RunRecord record = run_fit(*bench, start_record(*bench), log);
+  EXPECT_EQ(record.failed_stages, 0);
+  ASSERT_EQ(record.fit.status, FitStatus::converged) << record.fit.message;
+  EXPECT_NEAR(record.fit.parameters[0].value, boom_E, 0.02 * boom_E);
+  ASSERT_EQ(record.curves.size(), 2u);
+  for (size_t k : {0, 1}) {
+    const CurveRecord& curve = record.curves[k];
+    const double length = k == 0 ? 0.08 : 0.12;
+    EXPECT_NE(curve.series.find(k == 0 ? "80 mm" : "120 mm"), std::string::npos) << curve.series;
+    ASSERT_GE(curve.load.size(), 2u);
+    EXPECT_GE(curve.load.back(), 0.001);
+    for (size_t i = 0; i < curve.load.size(); ++i)
+      EXPECT_NEAR(curve.value[i], boom_tip(length, curve.load[i]), 0.005 * boom_tip(length, 0.001)) << curve.load[i];
+  }
+  ASSERT_EQ(record.variants.size(), 1u);
+  EXPECT_EQ(record.variants[0].status, "converged");
+  EXPECT_NEAR(record.variants[0].values[0], boom_E, 0.03 * boom_E);
+  // Where the warm starts are is kept for all of them.
+  const std::unique_ptr<Bench> again = open(toml, boom_csv({0.08, 0.12}));
+  again->protocol().restore(bench->protocol().state());
+  EXPECT_EQ(again->protocol().state(), bench->protocol().state());
 }
 
 TEST_F(Specimens, WhatContradictsItselfIsRefused) {

@@ -331,7 +331,7 @@ TEST(PlaneStress, StressAndTangentAreTheDerivativesOfTheEnergy) {
   const auto directions = sample_gradients<2>(0.1, 5, 7);
   const auto states = sample_gradients<2>(0.25, 5, 8);
   for (size_t i = 0; i < states.size(); ++i) {
-    const Tensor<double, 2> H = states[i], V = directions[i];
+    const Tensor<double, 2>&H = states[i], &V = directions[i];
     const Eigen::Vector4d v = Eigen::Map<const Eigen::Vector4d>(V.data()), change = sheet.tangent(H) * v;
     const double first = (sheet.stress(H).array() * V.array()).sum(), second = v.dot(change);
     const auto at = [&](double h) { return Tensor<double, 2>(H + h * V); };

@@ -1,7 +1,10 @@
 #include "sim/files/simulation.hpp"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <numeric>
 
@@ -461,6 +464,188 @@ INSTANTIATE_TEST_SUITE_P(All, WrongSimulation, testing::ValuesIn(mistakes), [](c
   for (char& c : name) c = std::isalnum(static_cast<unsigned char>(c)) != 0 ? c : '_';
   return name;
 });
+
+/// The small robot, by this integrator, and its block held where it does not fall.
+std::pair<Simulation, Robot> small_robot(const std::string& integrator, bool falling) {
+  std::string toml = replaced(robot_toml, "\"implicit_euler\"", "\"" + integrator + "\"");
+  if (!falling)
+    toml = without_net_force(replaced(toml, "velocity = [\"0 m/s\", \"-0.5 m/s\"]", "clamped = [\"ymin\"]"));
+  const TemporaryFolder folder;
+  std::pair<Simulation, Robot> made;
+  made.first = read_simulation(folder.write("experiment.toml", toml));
+  made.second = make_robot(made.first);
+  return made;
+}
+
+TEST(Simulate, DerivativesOfAllReadingsAreTheSlopesOfWholeRunsAndTheGoalsGradientIsThem) {
+  for (const std::string integrator : {"implicit_euler", "bdf2", "static"}) {
+    auto [simulation, robot] = small_robot(integrator, integrator == "implicit_euler");
+    simulation.equilibrium.step_tolerance =
+        1e-13;  // a force over a time step is a difference of places over its square
+    const ParameterTable& table = robot.scene.model->parameters();
+    // Changes that do not leave a state under its weight as it is.
+    const std::vector<std::pair<const char*, double>> moved{
+        {"E_foam", 1}, {"E_rubber", -1}, {"k_upper", 0.5}, {"tip_mass", -1}};
+    SimulateOptions options;
+    Eigen::VectorXd change(moved.size());
+    for (size_t j = 0; j < moved.size(); ++j) {
+      const int index = table.index(moved[j].first);
+      options.sensitivities.parameters.push_back(index);
+      change[static_cast<Eigen::Index>(j)] = 1e-4 * moved[j].second * robot.scene.values[index];
+    }
+    options.sensitivities.all_readings = true;
+    options.sensitivities.goal = {0, 0.04};
+    const SimulationResult here = simulate(simulation, robot, options);
+    ASSERT_EQ(here.failure, "");
+    ASSERT_EQ(here.derivatives.size(), here.times.size());
+    const auto readings = [&](double sign) {
+      Robot other = make_robot(simulation);
+      for (size_t j = 0; j < moved.size(); ++j)
+        other.scene.values[options.sensitivities.parameters[j]] += sign * change[static_cast<Eigen::Index>(j)];
+      return simulate(simulation, other).readings;
+    };
+    const auto more = readings(1), less = readings(-1);
+    for (size_t k = 0; k < more.size(); ++k) {
+      double largest = 0;
+      for (size_t i = 0; i < here.times.size(); ++i) {
+        const Eigen::RowVectorXd row = here.derivatives[i].row(static_cast<Eigen::Index>(k));
+        const double size = row.cwiseAbs().dot(change.cwiseAbs());
+        largest = std::max(largest, size);
+        EXPECT_NEAR(row.dot(change), 0.5 * (more[k][i] - less[k][i]), 1e-5 * size + 1e-14)
+            << integrator << ": " << robot.readings[k].id << " at " << here.times[i] << " s";
+      }
+      EXPECT_GT(largest, 3e-11) << integrator << ": " << robot.readings[k].id;
+    }
+    ASSERT_EQ(here.goal_sample, here.times.size() - 1);
+    const Eigen::VectorXd forward = here.derivatives.back().row(0).transpose();
+    for (Eigen::Index j = 0; j < forward.size(); ++j)
+      EXPECT_NEAR(here.goal_gradient[j], forward[j], 1e-6 * std::abs(forward[j]))
+          << integrator << ": " << moved[j].first;
+  }
+}
+
+TEST(Simulate, SensitivitiesThatThereAreNoneOfAreRefused) {
+  SimulateOptions options;
+  options.sensitivities.parameters = {0};
+  options.sensitivities.all_readings = true;
+  auto [explicitly, robot] = small_robot("cvode", false);
+  expect_input_error([&] { simulate(explicitly, robot, options); }, {"no sensitivities", "\"implicit_euler\""});
+  auto [simulation, falling] = small_robot("implicit_euler", true);
+  const auto net = std::ranges::find(falling.readings, "block_force", &SceneReading::id) - falling.readings.begin();
+  options.sensitivities.goal = {static_cast<size_t>(net), 0.02};
+  expect_input_error([&] { simulate(simulation, falling, options); }, {"'block_force' is a net force", "no goal"});
+}
+
+TEST(Simulate, AnInterruptedRunKeepsWhatWasFinished) {
+  for (const std::string integrator : {"implicit_euler", "cvode", "static"}) {
+    const auto [simulation, robot] = small_robot(integrator, false);
+    std::atomic<bool> stop = false;
+    SimulateOptions options;
+    options.stop = &stop;
+    options.progress = [&](double t, const SimulationResult& so_far) {
+      EXPECT_EQ(so_far.times.back(), t);
+      stop = t > 0.009;
+    };
+    const SimulationResult result = simulate(simulation, robot, options);
+    EXPECT_TRUE(result.interrupted) << integrator;
+    // Of equilibria the one that was not found is named.
+    const std::string where = integrator == "static" ? "12 ms" : "10 ms";
+    EXPECT_TRUE(result.failure.starts_with("stopped at " + where + ": interrupted")) << result.failure;
+    ASSERT_EQ(result.times.size(), 6u) << integrator;
+    EXPECT_EQ(result.readings[0].size(), 6u);
+    EXPECT_NEAR(result.times.back(), 0.01, 1e-12);
+  }
+}
+
+TEST(Simulate, WithoutAnEquilibriumToStartFromItSaysSo) {
+  auto [simulation, robot] = small_robot("implicit_euler", false);
+  simulation.from_equilibrium = true;
+  EXPECT_EQ(simulate(simulation, robot).failure, "");
+  simulation.equilibrium.max_iterations = 1;
+  simulation.equilibrium.max_halvings = 0;
+  const SimulationResult result = simulate(simulation, robot);
+  EXPECT_TRUE(result.failure.starts_with("there is no equilibrium to start from: ")) << result.failure;
+  EXPECT_FALSE(result.interrupted);
+}
+
+TEST(Workspace, ControlsGoToAndFroInTimesOfTheirOwnDwellAtTheirEndsAndMoveByNoMoreThanAnEighth) {
+  // Two bars, each shortened by its own tendon in proportion to its tension: a channel says where a control is.
+  std::string toml = R"(title = "Two bars"
+[simulation]
+duration = "1 ms"
+step = "1 ms"
+thickness = "10 mm"
+[materials.rubber]
+law = "neo_hookean"
+E = "1 GPa"
+nu = 0
+density = "1000 kg/m3"
+)";
+  for (const std::string name : {"a", "b"}) {
+    toml += fmt::format(R"([[body]]
+name = "{0}"
+geometry = {{ kind = "rectangle", size = ["20 mm", "10 mm"], region = "rubber" }}
+mesh = {{ cells = [2, 1], element = "linear" }}
+at = ["0 mm", "{1} mm"]
+clamped = ["xmin"]
+[[control]]
+id = "{0}"
+start = "0 N"
+[[cable]]
+id = "{0}_tendon"
+body = "{0}"
+x = ["0 mm", "20 mm"]
+y = ["5 mm", "5 mm"]
+tension = "{0}"
+[[channel]]
+id = "{0}_end"
+kind = "displacement"
+of = "{0}.xmax"
+direction = [-1, 0]
+)",
+                        name, name == "a" ? 0 : 30);
+  }
+  toml += R"([workspace]
+x = "a_end"
+y = "b_end"
+samples = 480
+[[workspace.mode]]
+name = "both"
+a = ["1 N", "3 N"]
+b = ["2 N", "1 N"]
+)";
+  const TemporaryFolder folder;
+  const Simulation simulation = read_simulation(folder.write("experiment.toml", toml));
+  const Robot robot = make_robot(simulation);
+  const WorkspaceResult result = sample_workspace(simulation, robot, simulation.workspace->modes.front());
+  EXPECT_EQ(result.failures, 0);
+  ASSERT_EQ(result.points.size(), 482u);
+  const Eigen::Vector2d upper = result.points[0], lower = result.points[1];
+  EXPECT_NEAR(upper[0] / lower[0], 3, 1e-3);
+  EXPECT_NEAR(upper[1] / lower[1], 0.5, 1e-3);
+  double turns[2];
+  for (int k : {0, 1}) {
+    const auto at = [&](size_t i) { return (result.points[i][k] - lower[k]) / (upper[k] - lower[k]); };
+    int ends[2] = {0, 0}, crossings = 0;
+    size_t first = 0, last = 0;
+    double fastest = 0;
+    for (size_t i = 2; i < 482; ++i) {
+      EXPECT_NEAR(at(i), 0.5, 0.501);
+      ends[0] += at(i) < 1e-3;
+      ends[1] += at(i) > 0.999;
+      if (i == 2) continue;
+      fastest = std::max(fastest, std::abs(at(i) - at(i - 1)));
+      if ((at(i) - 0.5) * (at(i - 1) - 0.5) >= 0) continue;
+      if (++crossings == 1) first = i;
+      last = i;
+    }
+    EXPECT_LT(fastest, 0.126);
+    EXPECT_GT(ends[0], 60);
+    EXPECT_GT(ends[1], 60);
+    turns[k] = 0.5 * (crossings - 1) / static_cast<double>(last - first);
+  }
+  EXPECT_NEAR(turns[1] / turns[0], std::sqrt(3.0 / 2), 0.02) << "primes 2 and 3";
+}
 
 }  // namespace
 }  // namespace taut

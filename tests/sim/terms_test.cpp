@@ -321,7 +321,8 @@ TEST(Load, ScenesGiveEachLoadItsFactors) {
     const auto expect_total = [&](SceneBuilder& b, double expected) {
       EXPECT_LE((total_load(b.build()) - expected * unit).norm(), 1e-14 * expected) << d << "D";
     };
-    SceneBuilder force = builder(), hung = builder(), traction = builder(), weight = builder(), point = builder();
+    SceneBuilder force = builder(), hung = builder(), traction = builder(), line = builder(), weight = builder(),
+                 point = builder();
     force.add_force("xmax", direction, control(force, "F", 3.0));
     expect_total(force, 3.0);
     const int mass = control(hung, "m", 0.2);
@@ -329,6 +330,8 @@ TEST(Load, ScenesGiveEachLoadItsFactors) {
     expect_total(hung, 0.2 * 9.81);
     traction.add_traction("xmax", direction, control(traction, "p", 700));
     expect_total(traction, 700 * 0.1 * 0.03);
+    line.add_line_load("xmax & ymax", direction, control(line, "q", 40));
+    expect_total(line, 40 * 0.03);
     weight.add_weight("body", 1200, direction, control(weight, "g", 9.81));
     expect_total(weight, 1200 * 9.81 * 0.2 * 0.1 * 0.03);
     const int hung_mass = control(point, "m", 0.5);
