@@ -146,7 +146,7 @@ TEST(Statics, ABodyThatNothingHoldsIsRefusedAndNamed) {
   std::string loose = plate_toml;
   loose.erase(loose.find("[cables]"), loose.find("[[load]]") - loose.find("[cables]"));
   expect_input_error([&] { experiment_in(folder, loose, "pull_N,drop_mm\n1,1\n"); },
-                     {"there is no support", "[[support]]", "cables or grounds"});
+                     {"there is no support", "[[support]]", "cables, studs or grounds"});
   // In slack cables nothing says where it is.
   const std::string slack = replaced(plate_toml, "slack = \"0 mm\"", "slack = \"1 mm\"");
   const StaticReplay bench = bench_of(experiment_in(folder, slack, "pull_N,drop_mm\n0,1\n"));

@@ -186,7 +186,7 @@ TEST_F(RunRecordTest, FrictionOfTheLipsSurvivesIsSaidAndStandsOnThePage) {
                              {"sliding_stiffness", 1},
                              {"sticking_stiffness", 1}}};
   });
-  expect_input_error([&] { read_run(folder_.string()); }, {"lip_friction[1].controls", "one number for each control"});
+  expect_input_error([&] { read_run(folder_.string()); }, {"lip_friction[0].controls", "one number for each control"});
   write_edited([](auto& json) { json.erase("lip_friction"); });
   EXPECT_TRUE(read_run(folder_.string()).lip_friction.empty());
 }
