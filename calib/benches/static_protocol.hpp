@@ -95,10 +95,10 @@ class StaticProtocol final : public Protocol {
     Params other_p;           ///< where a path in another equilibrium starts that is followed instead; empty: none is
     Eigen::VectorXd other_u;  ///< the state there [m]
     Eigen::VectorXd u;        ///< [m], all unknowns
-    Eigen::MatrixXd sensitivities;        ///< du/dp of the parameters that were asked for last
-    std::vector<int> sensitivity_of;      ///< which those are
-    Eigen::VectorXd leaves;               ///< what the next state's parameters of the past are; as Scene::states
-    Eigen::MatrixXd state_sensitivities;  ///< of p's parameters that follow from states, as Scene::states
+    Eigen::MatrixXd sensitivities;         ///< du/dp of the parameters that were asked for last
+    std::vector<int> sensitivity_of;       ///< which those are
+    Eigen::VectorXd leaves;                ///< what the next state's parameters of the past are; as Scene::states
+    Eigen::MatrixXd state_sensitivities;   ///< of p's parameters that follow from states, as Scene::states
     Eigen::MatrixXd leaves_sensitivities;  ///< of `leaves`
     SolveReport report;
     double smallest_jacobian = 0;  ///< over quadrature points and nodes, after the last solve
