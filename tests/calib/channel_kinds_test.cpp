@@ -302,7 +302,8 @@ TEST_F(ChannelKinds, WrongChannelsAreRefusedWithOneClearSentence) {
     expect_input_error([&] { bench_of(toml, bench_csv); }, parts);
   };
   refused(beam("kind = \"rotaton\"\non = \"xmax\"\ncolumn = \"tip_deg\"\n"),
-          {"[channel] kind", "did you mean 'rotation'", "displacement, position, rotation, tension, end_tension, length, reaction"});
+          {"[channel] kind", "did you mean 'rotation'",
+           "displacement, position, rotation, tension, end_tension, length, reaction"});
   refused(beam("kind = \"rotation\"\non = \"xmax\"\ncolumn = \"tip_deg\"\n"), {"noise", "'mm' is not a unit of angle"});
   refused(replaced(beam("kind = \"rotation\"\non = \"xmax\"\ncolumn = \"tip_mm\"\n"), "0.1 mm", "1 deg"),
           {"bench.csv", "tip_mm", "angle"});
