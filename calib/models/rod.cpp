@@ -422,7 +422,7 @@ struct Rod::Run {
 /// By how much each piece's direction, in its middle, is turned against that where its tendon is pulled.
 struct Rod::Turning {
   VectorXd angle;
-  MatrixXd change;  ///< where the unknowns change like columns of `dx`
+  MatrixXd change;  ///< a column of each piece: by how much where the unknowns change like a column of `dx`
   VectorXd left(double friction) const { return (-friction * angle).array().exp(); }  ///< of the tension
 };
 
@@ -435,7 +435,9 @@ struct Rod::Feedback {
   Eigen::PartialPivLU<MatrixXd> loop;  ///< 1 + (derivative by the state of what is left in these) by_left
 
   /// How what is left in the pulling ones changes with all angles.
-  MatrixXd left_by(const MatrixXd& angles) const { return (by_angle.asDiagonal() * angles)(pulling, Eigen::all); }
+  MatrixXd left_by(const Turning& turning) const {
+    return (turning.change * by_angle.asDiagonal())(Eigen::all, pulling).transpose();
+  }
 };
 
 Rod::Rod(RodShape shape) : shape_(std::move(shape)) {
@@ -689,7 +691,7 @@ std::optional<Eigen::MatrixXd> Rod::solve_linear(const RodState& x, const Values
   MatrixXd dx = factors->solve(B);
   if (values[friction()] == 0) return dx;
   const Feedback feedback = feedback_of(x, values, [&](MatrixXd b) { return factors->solve(std::move(b)); });
-  dx -= feedback.by_left * feedback.loop.solve(feedback.left_by(turning_of(feedback.runs, dx).change));
+  dx -= feedback.by_left * feedback.loop.solve(feedback.left_by(turning_of(feedback.runs, dx)));
   if (!dx.allFinite()) return std::nullopt;
   return dx;
 }
@@ -736,7 +738,7 @@ std::vector<Rod::Run> Rod::runs_of(const RodState& x) const {
 }
 
 Rod::Turning Rod::turning_of(const std::vector<Run>& runs, const MatrixXd& dx) const {
-  Turning turning{VectorXd::Zero(pieces_), MatrixXd::Zero(pieces_, dx.cols())};
+  Turning turning{VectorXd::Zero(pieces_), MatrixXd::Zero(dx.cols(), pieces_)};
   Eigen::Index before = -1;  // the piece from which the next one turns
   bool first = false;        // it is its tendon's first
   MatrixXd change_before;    // of its direction
@@ -747,7 +749,7 @@ Rod::Turning Rod::turning_of(const std::vector<Run>& runs, const MatrixXd& dx) c
     // A tendon that ends a hair beyond a node has not turned there.
     if (!begins && (run.part < 0.01 || before < 0)) {
       turning.angle[i] = turning.angle[i - 1];
-      turning.change.row(i) = turning.change.row(i - 1);
+      turning.change.col(i) = turning.change.col(i - 1);
     }
     if (run.part < 0.01) continue;
     MatrixXd change = run.direction.change(dx);
@@ -756,18 +758,18 @@ Rod::Turning Rod::turning_of(const std::vector<Run>& runs, const MatrixXd& dx) c
       const Vector3d &from = last.direction.value, &to = run.direction.value;
       const double cosine = from.dot(to), sine = cross(from, to).norm();
       const double angle = std::atan2(sine, cosine);
-      Eigen::RowVectorXd changes = Eigen::RowVectorXd::Zero(dx.cols());
+      VectorXd changes = VectorXd::Zero(dx.cols());
       // Where a path is straight the angle has a kink; its slopes are zero there.
       if (sine > 1e-12)
         changes =
-            -((from - cosine * to).transpose() * change + (to - cosine * from).transpose() * change_before) / sine;
+            -(change.transpose() * (from - cosine * to) + change_before.transpose() * (to - cosine * from)) / sine;
       if (first) {  // as much turned before its middle
         const double share = last.length / (last.length + run.length);
         turning.angle[before] = share * angle;
-        turning.change.row(before) = share * changes;
+        turning.change.col(before) = share * changes;
       }
       turning.angle[i] = turning.angle[before] + angle;
-      turning.change.row(i) = turning.change.row(before) + changes;
+      turning.change.col(i) = turning.change.col(before) + changes;
     }
     first = before < 0;
     before = i;
@@ -799,7 +801,7 @@ Rod::Feedback Rod::feedback_of(const RodState& x, const Values& values,
   feedback.by_left = by_hessian(pulled(feedback.runs, values, one));
   const Turning turning = turning_of(feedback.runs, feedback.by_left);
   feedback.by_angle = -values[friction()] * turning.left(values[friction()]);
-  feedback.loop.compute(MatrixXd::Identity(n, n) + feedback.left_by(turning.change));
+  feedback.loop.compute(MatrixXd::Identity(n, n) + feedback.left_by(turning));
   return feedback;
 }
 
