@@ -134,5 +134,49 @@ TEST(SlowSiliconeSwing, AHungLoadMovesAsAMassNotAsAForceAlone) {
   EXPECT_GT(forces[2], 1.6);
 }
 
+TEST(SlowSiliconeSwing, OneModulusAndOnePairServeTheSwingAndTheRest) {
+  // The values of experiments/silicone_swing/README.md against the measured motion and rest positions.
+  Experiment experiment = read_experiment(std::string(TAUT_SOURCE_DIR) + "/experiments/silicone_swing/memory.toml");
+  const std::vector<Sample> samples = read_samples(experiment);
+  const RecordingReplay bench = make_recording_replay(experiment, experiment.mesh, samples);
+  const std::map<std::string, double> found{{"E_silicone", 311.27e3},
+                                            {"g_silicone", 0.07324},
+                                            {"tau_silicone", 0.4191},
+                                            {"hand_gravity_a", 0.26172},
+                                            {"hand_gravity_b", 0.28264},
+                                            {"hand_load52_a", 0.51213},
+                                            {"hand_load52_b", 0.61999},
+                                            {"hand_load101_a", 0.99221},
+                                            {"hand_load101_b", 0.79722},
+                                            {"release_gravity_a", 0.054939},
+                                            {"release_gravity_b", 0.052392},
+                                            {"release_load52_a", 0.112608},
+                                            {"release_load52_b", 0.112899},
+                                            {"release_load101_a", 0.139249},
+                                            {"release_load101_b", 0.147259},
+                                            {"stiffness_damping_silicone_gravity", 2.0876e-3},
+                                            {"stiffness_damping_silicone_load52", 3.7503e-3},
+                                            {"stiffness_damping_silicone_load101", 5.7677e-3}};
+  Params p = bench.protocol->nominal();
+  for (const auto& [id, value] : found) p[bench.protocol->parameters().index(id)] = value;
+  const Prediction prediction = bench.protocol->predict(p, {});
+  ASSERT_TRUE(prediction.complete());
+  double chi_squared = 0, worst_at_rest = 0;
+  for (size_t i = 0; i < samples.size(); ++i) {
+    const double off = (samples[i].value - prediction.values[static_cast<Eigen::Index>(i)]) / samples[i].sigma;
+    chi_squared += off * off;
+    if (samples[i].still) worst_at_rest = std::max(worst_at_rest, std::abs(off));
+  }
+  EXPECT_LT(chi_squared, 229) << "as many as degrees of freedom";
+  EXPECT_LT(worst_at_rest, 2.1);
+  // The same modulus, that does not relax: neither the motion nor the rest.
+  p[bench.protocol->parameters().index("g_silicone")] = 0;
+  const Prediction elastic = bench.protocol->predict(p, {});
+  double without = 0;
+  for (size_t i = 0; i < samples.size(); ++i)
+    without += std::pow((samples[i].value - elastic.values[static_cast<Eigen::Index>(i)]) / samples[i].sigma, 2);
+  EXPECT_GT(without, 5 * chi_squared);
+}
+
 }  // namespace
 }  // namespace taut
