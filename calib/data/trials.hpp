@@ -16,7 +16,7 @@ struct Turn {
   double dwell = 0;  ///< [s] for which its load had acted
   double rest = 0;   ///< [s] without load before that
   double read = 0;   ///< [s] after which that load, not taken off since, was read before; 0: it was hung anew
-  bool operator==(const Turn&) const = default;
+  bool operator==(const Turn&) const = default;  ///< as a whole
 };
 
 /// One measured number, with where it stands in its file.
