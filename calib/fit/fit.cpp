@@ -40,7 +40,7 @@ struct Size {
 
 /// How far a parameter is from being known, as a number without unit: its standard error over its Size, with the others
 /// free and with them held.
-struct Spread {
+struct Uncertainty {
   double joint, alone;
 };
 
@@ -49,7 +49,7 @@ constexpr double well = 0.1, weak = 0.7;
 /// Of chi squared per degree of freedom: from here on intervals of the noise say nothing, and are not searched for.
 constexpr double no_profiles = 100;
 
-Verdict verdict_of(const Spread& spread) {
+Verdict verdict_of(const Uncertainty& spread) {
   if (spread.joint <= well) return Verdict::well_determined;
   if (spread.joint <= weak) return Verdict::weakly_determined;
   return spread.alone <= weak ? Verdict::tied : Verdict::invisible;
@@ -84,7 +84,7 @@ constexpr std::array<VerdictWords, 8> verdict_words{{
     {"unknown", ""},
 }};
 
-std::string explain(const ParameterEstimate& e, const Spread& spread, std::string_view compared_with,
+std::string explain(const ParameterEstimate& e, const Uncertainty& spread, std::string_view compared_with,
                     const std::string& partner, double correlation) {
   const std::string relative = fmt::format("{:.2g} %", 100 * spread.joint);
   const bool one_sided = e.verdict == Verdict::bounded_from_one_side;
@@ -536,7 +536,7 @@ class Fit {
   void judge_parameter(Eigen::Index j) {
     ParameterEstimate& estimate = result_.parameters[static_cast<size_t>(j)];
     const auto [size, compared_with] = size_of(j);
-    const Spread spread{deviations_[j] / size, 1 / std::max(jacobian_.col(j).norm(), 1e-150) / size};
+    const Uncertainty spread{deviations_[j] / size, 1 / std::max(jacobian_.col(j).norm(), 1e-150) / size};
     estimate.verdict = verdict_of(spread);
     estimate.standard_error =
         deviations_[j] < 10 * ranges_[j] ? deviations_[j] * evaluator_.scale(j).slope(estimate.value) : not_a_number;
