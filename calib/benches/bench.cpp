@@ -74,7 +74,7 @@ std::optional<double> Bench::declared_sigma(int channel, double value) const {
 std::string Bench::control_text(size_t control, double value) const {
   const std::vector<BenchFormat::Control>& formats = experiment_.bench.controls;  // of recordings: none
   if (control < formats.size() && !formats[control].labels.empty())
-    return formats[control].labels[static_cast<size_t>(value) - 1];
+    return value < 1 ? "none" : formats[control].labels[static_cast<size_t>(value) - 1];  // 0: not set yet
   const std::string& unit = controls_[control].unit;
   if (value != 0) return with_unit(value, unit);
   double largest = 0;

@@ -181,9 +181,12 @@ class RecordingProtocol::Run {
     Params rest = moving_;
     for (int index : of_.off_at_rest_) rest[index] = 0;
     statics.start_at_rest(rest, static_cast<int>(tracked_.size()));
-    const SolveReport& loaded = statics.advance(moving_, moving_derivative_, 0);
-    trajectory_.factorisations += loaded.factorisations;
-    SolveReport end = loaded;
+    SolveReport end;
+    if (!recording(trajectory_.recordings.front()).held.empty()) end = hold(statics);
+    if (end.status == SolveStatus::converged) {
+      end = statics.advance(moving_, moving_derivative_, 0);
+      trajectory_.factorisations += end.factorisations;
+    }
     if (end.status == SolveStatus::converged) {
       end = statics.hold(moving_, moving_derivative_, since_release(r));
       trajectory_.factorisations += end.factorisations;
@@ -246,10 +249,9 @@ class RecordingProtocol::Run {
     return true;
   }
 
-  bool release_what_relaxes(TimeStepper& stepper, const Eigen::VectorXd& zero, const Params& rest) {
+  /// From rest into what holds it, for as long as it does.
+  SolveReport hold(QuasiStatics& statics) {
     const double seconds = recording(trajectory_.recordings.front()).held_for;
-    QuasiStatics statics(*of_.scene_.model, of_.options_.equilibrium);
-    statics.start_at_rest(rest, static_cast<int>(tracked_.size()));
     SolveReport held = statics.advance(held_, held_derivative_, 0);
     trajectory_.factorisations += held.factorisations;
     if (held.status == SolveStatus::converged && seconds > 0) {
@@ -257,6 +259,13 @@ class RecordingProtocol::Run {
                                     : statics.advance(held_, held_derivative_, kForEver);
       trajectory_.factorisations += held.factorisations;
     }
+    return held;
+  }
+
+  bool release_what_relaxes(TimeStepper& stepper, const Eigen::VectorXd& zero, const Params& rest) {
+    QuasiStatics statics(*of_.scene_.model, of_.options_.equilibrium);
+    statics.start_at_rest(rest, static_cast<int>(tracked_.size()));
+    const SolveReport held = hold(statics);
     if (held.status != SolveStatus::converged) {
       trajectory_.failure = "no equilibrium while it is held: " + held.message();
       return false;

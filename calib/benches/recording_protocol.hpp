@@ -35,7 +35,7 @@ struct RecordingRow {
 /// their release time only share a trajectory. Between steps the state follows the cubic polynomial through u and v at
 /// both ends, which is off by O(h^4), less than the steps' O(h^2) (O(h) with implicit Euler). Derivatives are those
 /// of the steps (TimeStepper::track) and of that polynomial, exact to rounding; the one with respect to the release is
-/// minus the channel's speed. What is read when the motion has come to rest is the end of as long a creep from rest
+/// minus the channel's speed. What is read when the motion has come to rest is the end of as long a creep
 /// (QuasiStatics), on which the release hardly bears. Trajectories run on all threads, whose number does not change a
 /// bit of the result. A trajectory that fails leaves NaN in its rows and one sentence.
 class RecordingProtocol final : public Protocol {

@@ -407,7 +407,7 @@ Trials trials_at_loads(const Experiment& experiment, Trials there, const std::st
       reading.line = row.line;
       reading.controls = row.controls;
       reading.channel = static_cast<int>(channel);
-      reading.turn.dwell = there.typical_dwell;
+      reading.turn.dwell = row.dwell.value_or(there.typical_dwell);
     }
   }
   return there;

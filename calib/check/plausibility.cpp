@@ -3,7 +3,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <map>
+#include <tuple>
 
 #include "calib/check/look.hpp"
 #include "calib/data/slips.hpp"
@@ -71,13 +74,20 @@ Look::Look(const Bench& of)
       size(size_of(of)),
       spine(spine_of(of.experiment())) {
   for (const FreeParameter& parameter : free) start[parameter.index] = parameter.start;
-  std::map<std::pair<int, std::vector<double>>, std::vector<const BenchReading*>> groups;
+  // Where readings depend on what was before them, only those with the same past are repeats.
+  const bool ordered = experiment.cables.rub || !experiment.kind->specimen;
+  const auto past_of = [&](const BenchReading& reading) {
+    const bool by_order = ordered && !std::isnan(reading.order);
+    return std::array<double, 3>{reading.turn.dwell, reading.turn.rest, by_order ? reading.order : 0};
+  };
+  std::map<std::tuple<int, std::vector<double>, std::array<double, 3>>, std::vector<const BenchReading*>> groups;
   for (const BenchReading& reading : bench.readings()) {
     if (reading.excluded) continue;
     readings.push_back(&reading);
-    if (at_rest() || !experiment.kind->specimen) groups[{reading.channel, reading.controls}].push_back(&reading);
+    if (at_rest() || !experiment.kind->specimen)
+      groups[{reading.channel, reading.controls, past_of(reading)}].push_back(&reading);
   }
-  for (auto& [key, of_group] : groups) repeats.push_back({key.first, key.second, std::move(of_group)});
+  for (auto& [key, of_group] : groups) repeats.push_back({std::get<0>(key), std::get<1>(key), std::move(of_group)});
 }
 
 std::vector<double> Look::values_of(int channel) const {

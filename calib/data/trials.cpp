@@ -293,6 +293,13 @@ struct Sheet {
         turn = last->turn;
       } else {
         if (last != nullptr) ++turn.place;
+        const bool new_trial = last != nullptr && last->trial != reading->trial;
+        if (new_trial && !time && !rest && !format.history.rest)
+          table.fail(
+              row.line,
+              "trial '{}' follows line {} of trial '{}', and nothing says for how long there was no load between "
+              "them; give [bench] rest (\"0 s\": none)",
+              shown(reading->trial), last->line, shown(last->trial));
         channels.clear();
         find_times(row, before, same_load ? last->turn.dwell : -1, turn);
       }
@@ -573,7 +580,11 @@ std::vector<LoadRow> read_load_rows(const BenchFormat& format, const std::string
   }
   sheet.check_rows("load");
   std::vector<LoadRow> rows;
-  for (const Row& row : sheet.table.rows) rows.push_back({row.line, sheet.controls_in(row)});
+  const std::string& dwell = format.history.dwell_column;
+  if (!dwell.empty() && find_column(sheet.table, dwell, format.ignored))
+    sheet.dwell = sheet.number_column(dwell, {Quantity::time}, "the dwell");
+  for (const Row& row : sheet.table.rows)
+    rows.push_back({row.line, sheet.controls_in(row), sheet.time_in(row, sheet.dwell, format.history.dwell)});
   return rows;
 }
 

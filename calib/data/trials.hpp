@@ -110,7 +110,8 @@ Trials read_trials(const BenchFormat& format);
 /// A line of a file that holds loads only: where to predict.
 struct LoadRow {
   int line = 0;
-  std::vector<double> controls;  ///< SI, in the order of BenchFormat::controls
+  std::vector<double> controls;      ///< SI, in the order of BenchFormat::controls
+  std::optional<double> dwell = {};  ///< [s]; none: it is not said
 };
 
 /// Reads the control columns of `format` from the CSV file at `path`; the format's other columns may be there and are

@@ -53,7 +53,12 @@ void ProfileEnd::drop_what_is_no_minimum() {
 }
 
 ProfileEnd::Place ProfileEnd::place_at(double q) {
+  // A rise by so much more than what is looked for is perhaps none: where the others move much faster than this one,
+  // the tangent leads them astray, and the search from there may not come back.
+  constexpr double astray = 25 * profile_rise;
   const double moved = q - start_[j_];
+  Eigen::VectorXd plain = start_;
+  plain[j_] = q;
   for (Eigen::Index i = 0; i < start_.size(); ++i)
     start_[i] = evaluator_.scale(i).clamped(start_[i] + moved * slopes_[i] / slopes_[j_]);
   start_[j_] = q;
@@ -61,7 +66,11 @@ ProfileEnd::Place ProfileEnd::place_at(double q) {
   if (start_.size() == 1) {
     if (evaluator_.evaluate(start_)) rise = evaluator_.chi_squared() - best_.chi_squared;
   } else {
-    const Minimum there = minimise(evaluator_, start_, j_, undamped, options_);
+    Minimum there = minimise(evaluator_, start_, j_, undamped, options_);
+    if (there.failed || there.chi_squared > best_.chi_squared + astray) {
+      const Minimum other = minimise(evaluator_, plain, j_, undamped, options_);
+      if (!other.failed && (there.failed || other.chi_squared < there.chi_squared)) there = other;
+    }
     if (!there.failed) {
       start_ = there.q;
       rise = there.chi_squared - best_.chi_squared;

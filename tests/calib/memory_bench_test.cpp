@@ -3,6 +3,7 @@
 
 #include <cmath>
 
+#include "calib/check/plausibility.hpp"
 #include "calib/fit/fit.hpp"
 #include "calib/runs/open_bench.hpp"
 #include "sim/materials/prony.hpp"
@@ -219,6 +220,85 @@ TEST_F(MemoryBench, DerivativesThroughTheHistoryPassTheirTaylorTest) {
 TEST(Memory, UnequalDwellsMayDifferAsTheKnownAnswerSays) {
   EXPECT_NEAR(largest_creep_between(0.2, 10, 60), 0.14, 0.005);
   EXPECT_NEAR(largest_creep_between(0.4, 10, 60), 0.33, 0.01);
+}
+
+TEST_F(MemoryBench, WhatHeldABodyCountsWhereItComesToRest) {
+  // Held under one load for a second, then under another for five: J superposes.
+  const std::string toml =
+      foam_piece("A bar lets go", "[2, 1]",
+                 "E = \"200 kPa\"\nnu = 0.0\ndensity = \"100 kg/m3\"\nprony = [{ g = 0.2, tau = \"2 s\" }]\n") +
+      R"(fix = ["x", "y"]
+
+[[load]]
+id = "hand"
+on = "xmax"
+direction = [1, 0]
+value = "0 mN"
+
+[[load]]
+id = "hung"
+on = "xmax"
+direction = [1, 0]
+value = "0 mN"
+
+[[channel]]
+id = "tip"
+on = "xmax"
+direction = [1, 0]
+column = "tip_um"
+
+[dynamics]
+step = "1 ms"
+
+[bench]
+kind = "recordings"
+time = "time_s"
+sigma = "0.001 um"
+
+[[bench.recording]]
+file = "bench.csv"
+case = "a"
+loads = { hung = "2 mN" }
+held = { hand = "1 mN" }
+held_for = "1 s"
+rest = { after = "5 s", sigma = "0.001 um", tip = "1 um" }
+
+[fit.free.E_foam]
+)";
+  const Eigen::VectorXd tips = predicted(toml, "time_s,tip_um\n-0.1,1\n");
+  const auto creep = [](double t) { return 1 - g / (1 - g) * std::expm1(-(1 - g) * t / 2); };
+  // The hung load is on from the beginning, the hand for the first second of six.
+  EXPECT_NEAR(tips[0], at_once * 3 * creep(1), 3 * steps_error * at_once * g);
+  EXPECT_NEAR(tips[1], at_once * (3 * creep(6) - creep(5)), 3 * steps_error * at_once * g);
+}
+
+TEST_F(MemoryBench, ReadingsWithAnotherPastAreNoRepeats) {
+  const std::unique_ptr<Bench> bench =
+      open(bar_toml("dwell = \"dwell_s\"\nrest = \"3600 s\"", all_free), creep_csv({2, 10, 30, 60, 120, 300}));
+  for (const Finding& finding : implausible(*bench)) {
+    EXPECT_EQ(finding.sentence.find("repeats"), std::string::npos) << finding.sentence;
+    EXPECT_EQ(finding.sentence.find("different readings"), std::string::npos) << finding.sentence;
+  }
+}
+
+TEST_F(MemoryBench, ANewTrialSaysForHowLongItRested) {
+  const std::string toml = bar_toml("dwell = \"dwell_s\"\ntrial = \"trial\""),
+                    csv = "trial,pull_mN,tip_um,dwell_s\na,1,1,10\na,1,1,60\nb,1,1,10\n";
+  refuses(toml, csv, {"line 4", "trial 'b'", "rest"});
+  const Eigen::VectorXd tips = predicted(bar_toml("dwell = \"dwell_s\"\ntrial = \"trial\"\nrest = \"0 s\""), csv);
+  EXPECT_GT(tips[2], tips[1]) << "without a rest the load has acted on";
+}
+
+TEST_F(MemoryBench, SpecimensThatRelaxHaveStatesWithNames) {
+  const std::string toml = bar_toml("dwell = \"dwell_s\"\nrest = \"100 s\"\nspecimen = \"which\"") +
+                           "[[specimen]]\nid = \"A\"\nset = { size_x = \"60 mm\" }\n"
+                           "[[specimen]]\nid = \"B\"\nset = { size_x = \"120 mm\" }\n";
+  const std::unique_ptr<Bench> bench =
+      open(toml, "which,pull_mN,tip_um,dwell_s\nA,1,1,10\nA,1,1,60\nB,1,1,10\nB,1,1,60\n");
+  const Prediction prediction = bench->protocol().predict(bench->protocol().nominal(), {});
+  ASSERT_TRUE(prediction.complete());
+  EXPECT_NEAR(prediction.values[2] / prediction.values[0], 2, 1e-6);
+  EXPECT_GE(bench->states().states.size(), 2u);
 }
 
 TEST_F(MemoryBench, WrongTimesAreRefusedWithOneSentence) {
