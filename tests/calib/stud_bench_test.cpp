@@ -65,7 +65,6 @@ TEST_F(StudBench, RowsOfOneSideLeaveTheClearanceTiedToTheZeroError) {
   const FitResult result = fit_planted(with_stud(), one_sided);
   EXPECT_EQ(estimate(result, "clearance").verdict, Verdict::tied) << estimate(result, "clearance").explanation;
   EXPECT_NE(estimate(result, "clearance").explanation.find("zero_1"), std::string::npos);
-  // No clearance is below zero, so that the zero error has a limit on one side.
   EXPECT_EQ(estimate(result, "zero_1").verdict, Verdict::tied);
 }
 
