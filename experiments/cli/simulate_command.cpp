@@ -47,6 +47,31 @@ std::string integrator_text(const Simulation& simulation) {
   return "";
 }
 
+/// Where joined bodies do not see each other; "": there is no such place.
+std::string blind_patches(const Robot& robot) {
+  std::string text;
+  for (const JoinedParts& joined : robot.joined) {
+    if (joined.radius > 0)
+      text += fmt::format("{}'{}' within {}", text.empty() ? "bodies that overlap about the pin of " : ", ",
+                          joined.joint, with_unit(joined.radius, "m"));
+  }
+  return text;
+}
+
+/// Where the scene jumped from one path of equilibria to another.
+std::string slips_text(const SimulationResult& result) {
+  std::string when;
+  constexpr size_t most = 3;
+  for (size_t k = 0; k < std::min(most, result.slips.size()); ++k)
+    when += fmt::format("{}at {} (by {})", k == 0 ? "" : ", ", with_unit(result.slips[k].t, "s"),
+                        with_unit(result.slips[k].jump, "m"));
+  if (result.slips.size() > most) when += fmt::format(" and {} more", result.slips.size() - most);
+  return fmt::format(
+      "YES: {}: its equilibrium ends there and the scene jumps to another one, which of several equilibria do not say; "
+      "with inertia (integrator = \"bdf2\") it may end elsewhere",
+      when);
+}
+
 /// What an independent test says of all accepted states, and what a run took.
 void add_facts(const Simulation& simulation, const Robot& robot, const SimulationResult& result,
                SimulationRecord& record) {
@@ -66,6 +91,7 @@ void add_facts(const Simulation& simulation, const Robot& robot, const Simulatio
                     result.side.empty()
                         ? ""
                         : "; symmetric bifurcation: the side was chosen by a fixed rule, towards " + result.side));
+  if (!result.slips.empty()) add("slips", slips_text(result));
   add("inverted elements", result.smallest_jacobian > 0
                                ? fmt::format("none in {} states; smallest J = {:.3g}", states, result.smallest_jacobian)
                                : fmt::format("YES: smallest J = {:.3g}", result.smallest_jacobian));
@@ -147,6 +173,11 @@ void add_workspaces(const Simulation& simulation, const Robot& robot, const Comm
     if (reached.failures > 0)
       record.facts.emplace_back("workspace " + mode.name,
                                 fmt::format("{} samples had no equilibrium and are left out", reached.failures));
+    if (reached.slips > 0)
+      record.facts.emplace_back("workspace " + mode.name,
+                                fmt::format("{} of {} samples were reached by a jump to another equilibrium, not on a "
+                                            "path that a slow motion could go back",
+                                            reached.slips, reached.points.size()));
     record.workspaces.push_back({reached.mode, reached.points, reached.area, reached.outline});
   }
 }
@@ -232,6 +263,7 @@ SimulationRecord start_simulation_record(const Simulation& simulation, const Rob
   record.description = simulation.description;
   record.mesh = robot.scene.model->mesh();
   for (const std::string& remark : record.mesh.remarks) record.facts.emplace_back("mesh", remark);
+  if (const std::string text = blind_patches(robot); !text.empty()) record.facts.emplace_back("no contact of", text);
   for (size_t k = 0; k < robot.cables.size(); ++k)
     record.lines.push_back({simulation.cables.cables[k].id, robot.cables[k].points});
   for (const std::vector<Eigen::Vector2d>& line : simulation.contact.obstacles)
@@ -256,6 +288,7 @@ int check_simulation(const CommandOptions& options) {
   for (const Part& part : mesh.parts)
     lines.emplace_back("body " + part.name, fmt::format("{} elements, {} nodes", part.element_count, part.node_count));
   for (const std::string& remark : mesh.remarks) lines.emplace_back("mesh", remark);
+  if (const std::string text = blind_patches(robot); !text.empty()) lines.emplace_back("no contact of", text);
   if (!simulation.encoding.empty()) lines.emplace_back("file", simulation.encoding);
   lines.emplace_back("unknowns", fmt::format("{}", robot.scene.model->free_unknowns()));
   lines.emplace_back("time integration",

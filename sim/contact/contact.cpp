@@ -41,6 +41,7 @@ struct PlaneSurface : ContactSurface<2, ContactSettings> {
   std::vector<int> edge_stiffness;  ///< -1: the other side's
   std::vector<double> length;       ///< of rest boundary per vertex [m]
   IndexLists edges_at;              ///< per vertex
+  IndexLists vertex_patches, edge_patches;
   BoxTree<2> body_tree, obstacle_tree;
 
   Closest closest(const State& s, int vertex, int edge) const {
@@ -51,7 +52,10 @@ struct PlaneSurface : ContactSurface<2, ContactSettings> {
     const auto& [a, b] = edges[edge];
     return a == vertex || b == vertex;
   }
-  bool ignores(int edge, int vertex) const { return contains(edge, vertex) || apart(vertex, edges[edge][0]); }
+  bool ignores(int edge, int vertex) const {
+    return contains(edge, vertex) ||
+           (have_common(vertex_patches[vertex], edge_patches[edge]) && of_two_parts(vertex, edges[edge][0]));
+  }
   int edge_count() const { return static_cast<int>(edges.size()); }
 
   PlaneSurface(const Mesh& mesh, ContactSettings given);
@@ -91,7 +95,10 @@ struct PlaneSurface : ContactSurface<2, ContactSettings> {
   void each_distance(const State& s, double horizon, Consider&& consider) const {
     for (const Near& near : pairs_within(s, horizon)) consider(near.closest.distance);
   }
-  bool intersects(const Places& x) const;
+  /// found(edge, edge) for those that meet in the places x, until it says true.
+  template <class Found>
+  void each_crossing(const Places& x, Found&& found) const;
+  double overlap_about(const PinPatch<2>& pin, double reach) const;
 };
 
 PlaneSurface::PlaneSurface(const Mesh& mesh, ContactSettings given) : ContactSurface(std::move(given)) {
@@ -102,6 +109,8 @@ PlaneSurface::PlaneSurface(const Mesh& mesh, ContactSettings given) : ContactSur
   add_obstacles();
   normalise_grounds();
   find_neighbours();
+  vertex_patches = patches_of_vertices();
+  edge_patches = patches_of(edges);
 }
 
 void PlaneSurface::add_obstacles() {
@@ -323,32 +332,43 @@ std::vector<ContactPair> PlaneSurface::active_pairs(const State& s, double gap, 
   return pairs;
 }
 
-bool PlaneSurface::intersects(const Places& x) const {
+template <class Found>
+void PlaneSurface::each_crossing(const Places& x, Found&& found) const {
   const auto place = [&](int v) { return Box(Place(x.col(v))); };
   const Boxes boxes = enclose(place);
-  bool found = false;
-  const auto look = [&](int e, int f) {
-    if (found || e >= f) return;
+  bool enough = false;
+  const auto meet = [&](int e, int f) {
     auto [a, b] = edges[e];
     auto [c, d] = edges[f];
     if (b == c || b == d) std::swap(a, b);
     if (a == d) std::swap(c, d);
-    if (apart(a, c)) return;
-    if (a != c) {
-      found = segments_meet(x.col(a), x.col(b), x.col(c), x.col(d));
-    } else {
-      // Neighbours may share their node only: they must not lie on each other.
-      found = b == d ||
-              (orientation(x.col(a), x.col(b), x.col(d)) == 0 && (x.col(b) - x.col(a)).dot(x.col(d) - x.col(a)) > 0);
-    }
+    if (have_common(edge_patches[e], edge_patches[f]) && of_two_parts(a, c)) return false;
+    if (a != c) return segments_meet(x.col(a), x.col(b), x.col(c), x.col(d));
+    // Neighbours may share their node only: they must not lie on each other.
+    return b == d ||
+           (orientation(x.col(a), x.col(b), x.col(d)) == 0 && (x.col(b) - x.col(a)).dot(x.col(d) - x.col(a)) > 0);
   };
-  for (int e = 0; e < body_edges && !found; ++e) {
+  const auto look = [&](int e, int f) {
+    if (!enough && e < f && meet(e, f)) enough = found(e, f);
+  };
+  for (int e = 0; e < body_edges && !enough; ++e) {
     const auto& [a, b] = edges[e];
     const Box box = place(a).merged(place(b));
     body_tree.visit(boxes.body, box, [&](int f) { look(e, f); });
     obstacle_tree.visit(boxes.obstacles, box, [&](int f) { look(e, body_edges + f); });
   }
-  return found;
+}
+
+double PlaneSurface::overlap_about(const PinPatch<2>& pin, double reach) const {
+  double farthest = -1;
+  const State rest{*this, Places::Zero(2, vertices())};
+  for (const Near& near : pairs_within(rest, reach))
+    extend_overlap(pin, std::array{near.first}, edges[near.second], farthest);
+  each_crossing(X, [&](int e, int f) {
+    extend_overlap(pin, edges[e], edges[f], farthest);
+    return false;
+  });
+  return farthest;
 }
 
 template class SurfaceContact<PlaneSurface, ContactSettings, ContactPair>;

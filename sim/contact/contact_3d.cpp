@@ -30,6 +30,7 @@ struct SpaceSurface : ContactSurface<3, Contact3dSettings> {
   std::vector<double> area, edge_area;             ///< w_i and w_e [m2]
   std::vector<double> edge_length;                 ///< at rest [m]
   IndexLists triangles_at, edges_at, triangles_at_edge;
+  IndexLists vertex_patches, edge_patches, triangle_patches;
   BoxTree<3> triangle_tree, edge_tree;
 
   SpaceSurface(const Mesh& mesh, Contact3dSettings given);
@@ -42,12 +43,14 @@ struct SpaceSurface : ContactSurface<3, Contact3dSettings> {
     return t[0] == vertex || t[1] == vertex || t[2] == vertex;
   }
   bool may_touch(int vertex, int triangle) const {
-    return !contains(triangle, vertex) && !apart(vertex, triangles[triangle][0]);
+    return !contains(triangle, vertex) && !(have_common(vertex_patches[vertex], triangle_patches[triangle]) &&
+                                            of_two_parts(vertex, triangles[triangle][0]));
   }
   bool edges_may_touch(int one, int two) const {
     const auto& [a, b] = edges[one];
     const auto& [c, d] = edges[two];
-    return a != c && a != d && b != c && b != d && !apart(a, c);
+    return a != c && a != d && b != c && b != d &&
+           !(have_common(edge_patches[one], edge_patches[two]) && of_two_parts(a, c));
   }
 
   Closest3 vertex_edge(const State& s, int v, int edge) const {
@@ -107,13 +110,19 @@ struct SpaceSurface : ContactSurface<3, Contact3dSettings> {
       for (const Near& near : *list) consider(near.closest.distance);
     }
   }
-  bool intersects(const Places& x) const;
+  /// found(edge, triangle) for those that meet in the places x, until it says true.
+  template <class Found>
+  void each_crossing(const Places& x, Found&& found) const;
+  double overlap_about(const PinPatch<3>& pin, double reach) const;
 };
 
 SpaceSurface::SpaceSurface(const Mesh& mesh, Contact3dSettings given) : ContactSurface(std::move(given)) {
   triangles = number_vertices(mesh, settings.triangles, "a triangle");
   normalise_grounds();
   find_edges();
+  vertex_patches = patches_of_vertices();
+  edge_patches = patches_of(edges);
+  triangle_patches = patches_of(triangles);
 }
 
 void SpaceSurface::find_edges() {
@@ -443,20 +452,33 @@ std::vector<ContactPair3> SpaceSurface::active_pairs(const State& s, double gap,
   return pairs;
 }
 
-bool SpaceSurface::intersects(const Places& x) const {
+template <class Found>
+void SpaceSurface::each_crossing(const Places& x, Found&& found) const {
   const auto place = [&](int v) { return Box3(Vector3d(x.col(v))); };
   const std::vector<Box3> boxes = triangle_tree.enclose(boxes_of(triangles.begin(), triangles.end(), place));
-  bool found = false;
-  for (int e = 0; e < edge_count() && !found; ++e) {
+  bool enough = false;
+  for (int e = 0; e < edge_count() && !enough; ++e) {
     const auto [a, b] = edges[e];
     triangle_tree.visit(boxes, place(a).merged(place(b)), [&, a, b](int t) {
-      if (found || contains(t, a) || contains(t, b)) return;
+      if (enough || contains(t, a) || contains(t, b)) return;
       const auto& [c, d, f] = triangles[t];
-      if (apart(a, c)) return;
-      found = segment_meets_triangle(x.col(a), x.col(b), {x.col(c), x.col(d), x.col(f)});
+      if (have_common(edge_patches[e], triangle_patches[t]) && of_two_parts(a, c)) return;
+      if (segment_meets_triangle(x.col(a), x.col(b), {x.col(c), x.col(d), x.col(f)})) enough = found(e, t);
     });
   }
-  return found;
+}
+
+double SpaceSurface::overlap_about(const PinPatch<3>& pin, double reach) const {
+  double farthest = -1;
+  const State rest{*this, Places::Zero(3, vertices())};
+  const auto [points, lines] = pairs_within(rest, reach, reach);
+  for (const Near& near : points) extend_overlap(pin, std::array{near.first}, triangles[near.second], farthest);
+  for (const Near& near : lines) extend_overlap(pin, edges[near.first], edges[near.second], farthest);
+  each_crossing(X, [&](int e, int t) {
+    extend_overlap(pin, edges[e], triangles[t], farthest);
+    return false;
+  });
+  return farthest;
 }
 
 template class SurfaceContact<SpaceSurface, Contact3dSettings, ContactPair3>;

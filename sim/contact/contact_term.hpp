@@ -16,17 +16,27 @@ struct Ground {
   Eigen::Matrix<double, D, 1> normal;  ///< unit length
 };
 
+/// A pin that joins two parts. What of them comes within `radius` of it at rest, in the plane across its axis, does not
+/// see each other: bodies that overlap about a pin and turn about it keep that overlap inside of such a circle.
+template <int D>
+struct PinPatch {
+  std::array<int, 2> parts;                                                ///< by their places in the mesh's list
+  Eigen::Matrix<double, D, 1> point;                                       ///< [m]
+  Eigen::Matrix<double, D, 1> axis = Eigen::Matrix<double, D, 1>::Zero();  ///< of unit length; zero in the plane
+  double radius = 0;                                                       ///< [m]
+};
+
 /// What contact in the plane and in space ask for alike, by numbers of the parameter table.
 template <int D>
 struct ContactSides {
   /// Per edge or triangle: table index of kappa > 0 [Pa]; [N/m] in the pair sums. A pair takes the smaller of its two
   /// sides' values, and a node or an edge has the smallest of those that it belongs to.
   std::vector<int> stiffness;
-  std::vector<Ground<D>> grounds;         ///< fixed half-spaces; they carry their whole pressure at the bodies' nodes
-  int obstacle_stiffness = -1;            ///< table index of kappa of obstacles and grounds; -1: they take the body's
-  int gap = -1;                           ///< table index of dhat > 0 [m]: the distance at which the barrier sets in
-  std::vector<int> part;                  ///< per mesh node: the part of the mesh it is of; empty: there is one
-  std::vector<std::array<int, 2>> apart;  ///< pairs of parts that do not see each other: what a joint connects
+  std::vector<Ground<D>> grounds;    ///< fixed half-spaces; they carry their whole pressure at the bodies' nodes
+  int obstacle_stiffness = -1;       ///< table index of kappa of obstacles and grounds; -1: they take the body's
+  int gap = -1;                      ///< table index of dhat > 0 [m]: the distance at which the barrier sets in
+  std::vector<int> part;             ///< per mesh node: the part of the mesh it is of; empty: there is one
+  std::vector<PinPatch<D>> patches;  ///< where parts do not see each other
 };
 
 /// Contact without friction: a barrier between the features of a boundary, and between those and what is fixed, that
@@ -63,6 +73,9 @@ class SurfaceContact : public Term {
   /// on or behind a ground. Exact for the positions X + u as rounded, and independent of the distances; O(n log n).
   /// Obstacles may cross each other.
   bool intersects(const Eigen::VectorXd& u) const;
+  /// The largest distance [m] from a pin at which boundaries of the two parts that it joins cross or come within
+  /// `reach` [m] of each other at rest, by what a patch of that radius takes in. Negative when none do.
+  double overlap_about(const typename decltype(Settings::patches)::value_type& pin, double reach) const;
 
  private:
   std::unique_ptr<const Surface> surface_;

@@ -5,6 +5,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <initializer_list>
 #include <limits>
 #include <span>
@@ -13,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "sim/contact/contact_geometry.hpp"
 #include "sim/contact/contact_term.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/parameters.hpp"
@@ -51,6 +53,11 @@ struct IndexLists {
     }
   }
 };
+
+/// Whether two short lists have a number in common.
+inline bool have_common(std::span<const int> one, std::span<const int> two) {
+  return std::ranges::any_of(one, [&](int item) { return std::ranges::find(two, item) != two.end(); });
+}
 
 /// weight * kappa * b(distance) of a vertex and another vertex, an edge, a triangle or a ground, or of two edges.
 struct Interaction {
@@ -93,6 +100,28 @@ struct Near {
   /// By first, then second.
   bool operator<(const Near& other) const { return std::pair(first, second) < std::pair(other.first, other.second); }
 };
+
+/// How near the points, or the segment or triangle between them, come to a pin in the plane across its axis [m].
+template <int D, size_t N>
+double distance_to(const PinPatch<D>& pin, const std::array<Eigen::Matrix<double, D, 1>, N>& points) {
+  Eigen::Matrix<double, 2, D> across = Eigen::Matrix<double, 2, D>::Identity();
+  if constexpr (D == 3)
+    across << pin.axis.unitOrthogonal().transpose(), pin.axis.cross(pin.axis.unitOrthogonal()).transpose();
+  std::array<Eigen::Vector2d, N> r;
+  for (size_t i = 0; i < N; ++i) r[i] = across * (pin.point - points[i]);
+  if constexpr (N == 1) return r[0].norm();
+  double least = std::numeric_limits<double>::infinity(), turns[N];
+  for (size_t i = 0; i < N; ++i) {
+    const Eigen::Vector2d &a = r[i], &b = r[(i + 1) % N];
+    least = std::min(least, closest_on_segment(a, a - b).distance);
+    turns[i] = a[0] * b[1] - a[1] * b[0];
+  }
+  if constexpr (N == 3) {
+    const auto [low, high] = std::minmax_element(turns, turns + 3);
+    if (*low > 0 || *high < 0) return 0;
+  }
+  return least;
+}
 
 /// action(span) for the runs of pairs, which are sorted, with one vertex.
 template <class Pair, class Action>
@@ -160,8 +189,8 @@ struct ContactSurface {
     if (settings.gap < 0) throw std::logic_error("contact: no parameter for the gap");
     if (settings.stiffness.size() != features.size())
       throw std::logic_error(fmt::format("contact: each feature ({}) needs a stiffness", what));
-    if (!settings.apart.empty() && static_cast<int>(settings.part.size()) != mesh.node_count())
-      throw std::logic_error("contact: parts that do not see each other need the part of each node");
+    if (!settings.patches.empty() && static_cast<int>(settings.part.size()) != mesh.node_count())
+      throw std::logic_error("contact: patches where parts do not see each other need the part of each node");
     for (const auto& feature : features) {
       for (int node : feature) {
         if (node < 0 || node >= mesh.node_count())
@@ -191,14 +220,46 @@ struct ContactSurface {
     }
   }
 
-  /// Two vertices of parts that do not see each other.
-  bool apart(int v, int w) const {
-    if (settings.apart.empty() || v >= moving() || w >= moving()) return false;
-    const auto part_of = [&](int vertex) { return settings.part[nodes[vertex]]; };
-    const int one = part_of(v), two = part_of(w);
-    return one != two && std::any_of(settings.apart.begin(), settings.apart.end(), [&](const auto& pair) {
-             return (pair[0] == one && pair[1] == two) || (pair[0] == two && pair[1] == one);
-           });
+  /// How near a feature at rest comes to a pin; infinitely far where it is of neither of its parts [m].
+  template <size_t N>
+  double from_pin(const PinPatch<D>& pin, const std::array<int, N>& feature) const {
+    if (feature[0] >= moving()) return std::numeric_limits<double>::infinity();
+    const int part = settings.part[nodes[feature[0]]];
+    if (part != pin.parts[0] && part != pin.parts[1]) return std::numeric_limits<double>::infinity();
+    std::array<Place, N> points;
+    for (size_t i = 0; i < N; ++i) points[i] = X.col(feature[i]);
+    return distance_to<D, N>(pin, points);
+  }
+  /// The patches that each of the features reaches into.
+  template <size_t N>
+  IndexLists patches_of(const std::vector<std::array<int, N>>& features) const {
+    std::vector<std::vector<int>> lists(features.size());
+    for (size_t k = 0; k < settings.patches.size(); ++k) {
+      for (size_t f = 0; f < features.size(); ++f) {
+        if (from_pin(settings.patches[k], features[f]) <= settings.patches[k].radius)
+          lists[f].push_back(static_cast<int>(k));
+      }
+    }
+    IndexLists patches;
+    patches.assign(lists);
+    return patches;
+  }
+  /// The same of each vertex.
+  IndexLists patches_of_vertices() const {
+    std::vector<std::array<int, 1>> single;
+    for (int v = 0; v < vertices(); ++v) single.push_back({v});
+    return patches_of(single);
+  }
+  /// Whether two vertices are of different parts.
+  bool of_two_parts(int v, int w) const {
+    return v < moving() && w < moving() && settings.part[nodes[v]] != settings.part[nodes[w]];
+  }
+  /// The farther of two features that meet about a pin; nothing where it does not join their parts [m].
+  template <size_t N, size_t M>
+  void extend_overlap(const PinPatch<D>& pin, const std::array<int, N>& one, const std::array<int, M>& two,
+                      double& farthest) const {
+    const double distance = std::max(from_pin(pin, one), from_pin(pin, two));
+    if (of_two_parts(one[0], two[0]) && std::isfinite(distance)) farthest = std::max(farthest, distance);
   }
 
   /// That of a vector of all unknowns.
@@ -343,11 +404,20 @@ double SurfaceContact<Surface, Settings, Pair>::smallest_distance(const Eigen::V
 }
 
 template <class Surface, class Settings, class Pair>
+double SurfaceContact<Surface, Settings, Pair>::overlap_about(
+    const typename decltype(Settings::patches)::value_type& pin, double reach) const {
+  return surface_->overlap_about(pin, reach);
+}
+
+template <class Surface, class Settings, class Pair>
 bool SurfaceContact<Surface, Settings, Pair>::intersects(const Eigen::VectorXd& u) const {
   const typename Surface::State s = surface_->state(u);
   bool behind = false;
   surface_->each_height(s, [&](int, int, double height) { behind = behind || !(height > 0); });
-  return behind || surface_->intersects(s.positions());
+  if (behind) return true;
+  bool found = false;
+  surface_->each_crossing(s.positions(), [&](int, int) { return found = true; });
+  return found;
 }
 
 }  // namespace taut

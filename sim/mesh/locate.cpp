@@ -136,4 +136,13 @@ MaterialPoint locate(const Mesh& mesh, const Eigen::VectorXd& point, const Part&
   return with_shape(mesh.shape, [&](auto shape) { return locate_in<shape>(mesh, point, part); });
 }
 
+bool lies_in(const Part& part, const Mesh& mesh, const Eigen::VectorXd& point) {
+  try {
+    locate(mesh, point, part);
+    return true;
+  } catch (const InputError&) {
+    return false;
+  }
+}
+
 }  // namespace taut

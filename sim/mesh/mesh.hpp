@@ -105,6 +105,8 @@ struct MaterialPoint {
 MaterialPoint locate(const Mesh& mesh, const Eigen::VectorXd& point);  ///< see MaterialPoint
 /// The same within one part, which others may overlap (brackets of a joint lie beside each other).
 MaterialPoint locate(const Mesh& mesh, const Eigen::VectorXd& point, const Part& part);
+/// Whether a point [m] lies in a part at rest, its boundary included.
+bool lies_in(const Part& part, const Mesh& mesh, const Eigen::VectorXd& point);
 
 /// One mesh of several, all of one element shape. Regions of the same name are one region (and share its material);
 /// the tag "tip" of part "link1" becomes "link1.tip". Throws InputError for different shapes or a name that is there

@@ -32,7 +32,8 @@ const SceneReading& Robot::reading(const std::string& id) const {
 
 Robot make_robot(const Simulation& simulation) {
   SceneOptions options;
-  options.over_time = options.free_bodies = simulation.method != SimulationMethod::quasi_static;
+  options.over_time = simulation.method != SimulationMethod::quasi_static;
+  options.free_bodies = options.over_time ? FreeBodies::move : FreeBodies::none;
   Robot robot{build_scene(simulation, options), {}};
   robot.scene.values = robot.at(simulation, 0);
   robot.velocity = start_velocity(simulation, *robot.scene.model);

@@ -17,10 +17,13 @@
 namespace taut {
 namespace {
 
-Equilibrium make_equilibrium(const Simulation& simulation, const Robot& robot, const std::atomic<bool>* stop) {
+/// At rest, with slips looked for. `model` has the unknowns and parameters of the robot's own.
+Equilibrium make_equilibrium(const Simulation& simulation, const Robot& robot, const Model& model,
+                             const std::atomic<bool>* stop) {
   EquilibriumOptions options = simulation.equilibrium;
   options.stop = stop;
-  Equilibrium equilibrium(*robot.scene.model, options);
+  options.check_path = true;
+  Equilibrium equilibrium(model, options);
   equilibrium.start_at_rest(at_rest(simulation, robot));
   return equilibrium;
 }
@@ -52,6 +55,11 @@ void check_method(const Simulation& simulation, const Robot& robot, const Simula
                     "forward sensitivities",
                     simulation.path, robot.readings[wanted.goal->reading].id));
   }
+}
+
+/// Of a node [m].
+double largest_motion(const Eigen::VectorXd& change, int dimension) {
+  return change.reshaped(dimension, change.size() / dimension).colwise().norm().maxCoeff();
 }
 
 /// Which of the times comes nearest to t.
@@ -106,7 +114,7 @@ class Run {
   };
 
   void go_through_equilibria() {
-    Equilibrium equilibrium = make_equilibrium(simulation_, robot_, options_.stop);
+    Equilibrium equilibrium = make_equilibrium(simulation_, robot_, model_, options_.stop);
     std::vector<double> times;
     for (int k = 0; k <= intervals(); ++k) times.push_back(std::min(simulation_.duration, k * simulation_.step));
     const size_t goal = wanted_.goal ? nearest(times, wanted_.goal->time) : times.size();
@@ -117,6 +125,7 @@ class Run {
     for (size_t k = 0; k < times.size(); ++k) {
       const Params p = robot_.at(simulation_, times[k]);
       relaxing.length = k == 0 ? 0.0 : times[k] - times[k - 1];
+      const Eigen::VectorXd before = equilibrium.u();
       const SolveReport& report = equilibrium.solve(p, Polish::full, remembers ? &relaxing : nullptr);
       if (report.left_saddle) ++result_.saddles_left;
       if (result_.side.empty()) result_.side = report.side;
@@ -127,6 +136,10 @@ class Run {
       if (report.status == SolveStatus::not_held && k == 0)
         throw InputError(fmt::format("{}: {}", simulation_.path, report.held_by_nothing()));
       if (report.status != SolveStatus::converged) return stop_at(times[k], report.message());
+      if (report.slipped) {
+        const double t = times[k] - (1 - report.slipped_after) * relaxing.length;
+        result_.slips.push_back({t, largest_motion(equilibrium.u() - before, model_.mesh().dimension())});
+      }
       if (remembers) relaxing.memory = model_.remember({equilibrium.u(), p, &relaxing});
       const AcceptedStep state{times[k], k == 0 ? 0 : simulation_.step, equilibrium.u(), still, p, {}};
       record(state);
@@ -239,16 +252,17 @@ class Run {
     const Eigen::Index unknowns = model_.unknowns(), count = static_cast<Eigen::Index>(wanted_.parameters.size());
     const Start rest{Eigen::VectorXd::Zero(unknowns), Eigen::MatrixXd::Zero(unknowns, count)};
     if (!simulation_.from_equilibrium) return rest;
-    Equilibrium equilibrium = make_equilibrium(simulation_, robot_, options_.stop);
+    SceneOptions with_all_held;
+    with_all_held.over_time = true;
+    with_all_held.free_bodies = FreeBodies::stay;
+    const BuiltScene held = build_scene(simulation_, with_all_held);
+    Equilibrium equilibrium = make_equilibrium(simulation_, robot_, *held.scene.model, options_.stop);
     const SolveReport& report = equilibrium.solve(robot_.at(simulation_, 0));
     result_.factorisations += report.factorisations;
     if (report.status == SolveStatus::converged)
       return {equilibrium.u(), wanted_.any() ? equilibrium_derivatives(equilibrium, wanted_.parameters) : rest.du};
     result_.interrupted = report.status == SolveStatus::interrupted;
-    result_.failure = fmt::format(
-        "there is no equilibrium to start from: {}; set start = \"rest\" (bodies without supports "
-        "have no equilibrium)",
-        report.message());
+    result_.failure = fmt::format("there is no equilibrium to start from: {}; set start = \"rest\"", report.message());
     return rest;
   }
 
@@ -343,7 +357,7 @@ WorkspaceResult sample_workspace(const Simulation& simulation, const Robot& robo
   WorkspaceResult result;
   result.mode = mode.name;
   const SceneReading &x = robot.reading(simulation.workspace->x), &y = robot.reading(simulation.workspace->y);
-  Equilibrium equilibrium = make_equilibrium(simulation, robot, stop);
+  Equilibrium equilibrium = make_equilibrium(simulation, robot, *robot.scene.model, stop);
   Params p = robot.at(simulation, 0);
   equilibrium.solve(p);
   const auto visit = [&](const Params& next) {
@@ -352,6 +366,7 @@ WorkspaceResult sample_workspace(const Simulation& simulation, const Robot& robo
       ++result.failures;  // the state stays where the last sample was
       return;
     }
+    result.slips += equilibrium.report().slipped;
     const Point at{equilibrium.u(), equilibrium.p()};
     result.points.emplace_back(x.rest + x.channel->value(at), y.rest + y.channel->value(at));
   };

@@ -22,6 +22,12 @@ struct SimulationResult {
   int iterations = 0, factorisations = 0;
   int saddles_left = 0;  ///< static: equilibria on whose way an unstable one was left (buckling)
   std::string side;      ///< of the first of two alike sides, see SolveReport::side
+  /// Static: where a path of equilibria ended and the scene went over to another one, as it would by a jump.
+  struct Slip {
+    double t = 0;     ///< [s], of the schedule
+    double jump = 0;  ///< largest displacement of a node in the step in which that happened [m]
+  };
+  std::vector<Slip> slips;
   double seconds = 0;
   // Of all accepted states, tested after the run.
   double smallest_jacobian = 0;    ///< over quadrature points and nodes; <= 0: an element has folded
@@ -73,6 +79,7 @@ struct WorkspaceResult {
   std::vector<Eigen::Vector2d> outline;  ///< of what they cover, see reach_of() [m]
   double area = 0;                       ///< of what they cover [m^2]
   int failures = 0;                      ///< samples without an equilibrium
+  int slips = 0;                         ///< samples that a jump from one path of equilibria to another led to
 };
 
 /// Samples a mode of [workspace]: equilibria at the ends of its ranges and along a curve through them, each from the

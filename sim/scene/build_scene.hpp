@@ -21,6 +21,7 @@ struct BuiltScene {
   std::vector<Joint> joints;           ///< as setup.joints has them
   std::vector<int> controls;           ///< table index per control
   int gravity = -1;                    ///< table index
+  std::vector<JoinedParts> joined;     ///< what joints connect, and where it does not see each other
   std::vector<int> off_at_rest;  ///< table indices of gravity and constant loads, of which the rest shape knows nothing
   const Contact* contact = nullptr;                          ///< lives in the scene; null: there is none, or a 3D one
   std::function<bool(const Eigen::VectorXd& u)> intersects;  ///< exact test of a state; empty: there is no contact
@@ -29,8 +30,8 @@ struct BuiltScene {
 
 /// What a model is made for.
 struct SceneOptions {
-  bool over_time = false;       ///< with inertia and damping
-  bool free_bodies = false;     ///< bodies that nothing holds are no mistake, since their inertia does
+  bool over_time = false;                     ///< with inertia and damping
+  FreeBodies free_bodies = FreeBodies::none;  ///< what becomes of bodies that nothing holds
   bool rigid_segments = false;  ///< regions over 100 times as stiff as the softest one move as rigid bodies
   double largest_force = 0;     ///< by loads [N]: what presses stiff faces together beside the soft bodies
   std::function<void(SceneBuilder&)> declare;  ///< further parameters, of the caller's own

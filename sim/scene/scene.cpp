@@ -55,6 +55,23 @@ void check_rest(const AnyContact& contact, Eigen::Index unknowns, double gap) {
   }
 }
 
+/// How far from its pin the parts that a joint connects overlap at rest, or come within two gaps of it [m].
+template <class AnyContact, class Patch>
+double overlap_at_rest(const Mesh& mesh, const AnyContact& contact, const Patch& pin, double gap) {
+  double farthest = contact.overlap_about(pin, 2 * gap);
+  const std::vector<int> nodes = boundary(mesh).nodes();
+  for (const auto& [here, other] : {std::pair(pin.parts[0], pin.parts[1]), std::pair(pin.parts[1], pin.parts[0])}) {
+    const Part &own = mesh.parts[static_cast<size_t>(here)], &outer = mesh.parts[static_cast<size_t>(other)];
+    for (int node : nodes) {
+      if (node < own.first_node || node >= own.first_node + own.node_count) continue;
+      const Eigen::VectorXd r = mesh.node(node) - pin.point;
+      const double distance = (r - r.dot(pin.axis) * pin.axis).norm();
+      if (distance > farthest && lies_in(outer, mesh, mesh.node(node))) farthest = distance;
+    }
+  }
+  return farthest;
+}
+
 /// "body 'platform'", or the body with a node.
 std::string name_of_piece(const Mesh& mesh, int node) {
   for (const Part& part : mesh.parts) {
@@ -358,7 +375,9 @@ Joint SceneBuilder::add_joint(const JointSettings& settings, int angle) {
     const auto place = [&](const std::string& name) {
       return static_cast<int>(&mesh_.part(name) - mesh_.parts.data());
     };
-    joined_.push_back({place(settings.part_a), place(settings.part_b)});
+    const Eigen::VectorXd axis =
+        mesh_.dimension() == 3 ? Eigen::VectorXd(settings.axis_end - settings.pivot) : Eigen::VectorXd();
+    joined_.push_back({settings.id, {place(settings.part_a), place(settings.part_b)}, settings.pivot, axis});
   }
   return joint;
 }
@@ -376,7 +395,6 @@ const AnyContact& SceneBuilder::add_surface(AnySettings settings, double gap,
                                             const std::map<std::string, double>& pressures, const char* unit) {
   check_materials();
   settings.part = part_of_nodes();
-  settings.apart = joined_;
   settings.gap = declare({"contact_gap", "dhat", "m", 1e-9, 1, "distance at which the contact barrier sets in"}, gap);
   std::vector<int> stiffness;
   for (const std::string& region : mesh_.region_names) {
@@ -406,6 +424,15 @@ const AnyContact& SceneBuilder::add_surface(AnySettings settings, double gap,
     for (const auto& triangle : settings.triangles) settings.stiffness.push_back(stiffness_of(triangle));
   }
   auto contact = std::make_unique<AnyContact>(mesh_, settings);
+  for (JoinedParts& joined : joined_) {
+    auto& patch = settings.patches.emplace_back();
+    patch.parts = joined.parts;
+    patch.point = joined.pin;
+    if (joined.axis.size() > 0) patch.axis = joined.axis.normalized();
+    // What comes to the rim of the overlap on one side is not to meet there what begins right outside on the other.
+    patch.radius = joined.radius = overlap_at_rest(mesh_, *contact, patch, gap) + 2 * gap;
+  }
+  if (!joined_.empty()) contact = std::make_unique<AnyContact>(mesh_, settings);
   check_rest(*contact, mesh_.X.size(), gap);
   const AnyContact& added = *contact;
   terms_.push_back(std::move(contact));
@@ -443,15 +470,14 @@ bool SceneBuilder::may_be_held(const std::vector<int>& part, int which) const {
          });
 }
 
-/// The supports must fix all translations and rotations of every connected part, or the Hessian at rest is singular;
-/// parts that cables or contact may hold instead are returned. What joints connect is one part here, and a point that a
-/// joint pins to the world, or turns by its motor, is held.
-std::vector<LooseBody> SceneBuilder::loose_bodies() const {
+/// What joints connect is one part here, and a point that a joint pins to the world, or turns by its motor, is held.
+SceneBuilder::Connected SceneBuilder::connected_parts() const {
   const int d = mesh_.dimension(), motions = d == 2 ? 3 : 6;
-  const std::vector<int> piece = parts_of(mesh_, [](int) { return true; });
-  std::vector<int> part = piece;
-  std::vector<LooseBody> loose;
-  auto root = [&](int i) { return part[static_cast<size_t>(i)]; };
+  Connected result;
+  result.piece = parts_of(mesh_, [](int) { return true; });
+  result.part = result.piece;
+  std::vector<int>& part = result.part;
+  const auto root = [&](int i) { return part[static_cast<size_t>(i)]; };
   for (const Joint& joint : joints_) {
     if (joint.pivot_a.nodes.empty() || joint.pivot_b.nodes.empty()) continue;
     const int one = root(joint.pivot_a.nodes.front()), two = root(joint.pivot_b.nodes.front());
@@ -489,18 +515,56 @@ std::vector<LooseBody> SceneBuilder::loose_bodies() const {
       }
     }
     const Eigen::Index rank = held.empty() ? 0 : rank_of(rows, 1e-9);
-    if (rank == motions) continue;
-    if (!may_be_held(part, representative)) {
+    if (rank < motions) result.free_motions[representative] = static_cast<int>(motions - rank);
+  }
+  return result;
+}
+
+/// The supports must fix all translations and rotations of every connected part, or the Hessian at rest is singular;
+/// parts that cables or contact may hold instead are returned.
+std::vector<LooseBody> SceneBuilder::loose_bodies() const {
+  const int d = mesh_.dimension();
+  const Connected all = connected_parts();
+  std::vector<LooseBody> loose;
+  for (const auto& [representative, free] : all.free_motions) {
+    if (!may_be_held(all.part, representative)) {
       const Eigen::VectorXd at = mesh_.node(representative) * 1e3;
       throw InputError(
           fmt::format("the supports leave {} of {} rigid motions free (the part with the node at ({:.4g}, {:.4g}{}) "
                       "mm{}): fix more components, or hold it by cables or contact",
-                      motions - rank, motions, at[0], at[1], d == 3 ? fmt::format(", {:.4g}", at[2]) : "",
+                      free, d == 2 ? 3 : 6, at[0], at[1], d == 3 ? fmt::format(", {:.4g}", at[2]) : "",
                       mesh_.parts.empty() ? "" : ", " + name_of_piece(mesh_, representative)));
     }
-    add_pieces(mesh_, part, piece, representative, loose);
+    add_pieces(mesh_, all.part, all.piece, representative, loose);
   }
   return loose;
+}
+
+/// Supports on all nodes of what moves freely: parts that neither supports nor, by way of whatever, cables or studs
+/// hold.
+void SceneBuilder::hold_free_bodies() {
+  const Connected all = connected_parts();
+  // Parts that cables or studs tie to one another, each by its root; the world is -1.
+  std::map<int, int> tied;
+  const auto root = [&](int part) {
+    while (tied.contains(part) && tied[part] != part) part = tied[part];
+    return part;
+  };
+  const auto tie_up = [&](int one, int two) { tied[std::max(root(one), root(two))] = std::min(root(one), root(two)); };
+  for (int part : all.part) {
+    if (!all.free_motions.contains(part)) tie_up(part, -1);
+  }
+  for (const std::vector<int>& tie : ties_) {
+    for (int node : tie) {
+      const auto part_of = [&](int i) { return i < 0 ? -1 : all.part[static_cast<size_t>(i)]; };
+      tie_up(part_of(node), part_of(tie.front()));
+    }
+  }
+  const int d = mesh_.dimension();
+  for (int node = 0; node < mesh_.node_count(); ++node) {
+    if (root(all.part[static_cast<size_t>(node)]) == -1) continue;
+    for (int dof = node * d; dof < (node + 1) * d; ++dof) supports_.insert_or_assign(dof, Support{dof, -1, 0.0});
+  }
 }
 
 /// Connected pieces of each region, and of all rigid ones together: what touches moves as one. Rigid pieces that are
@@ -564,10 +628,11 @@ void SceneBuilder::check_materials() const {
   }
 }
 
-Scene SceneBuilder::build(bool free_bodies) {
+Scene SceneBuilder::build(FreeBodies free_bodies) {
   check_materials();
+  if (free_bodies == FreeBodies::stay) hold_free_bodies();
   std::vector<LooseBody> loose;
-  if (!free_bodies) loose = loose_bodies();
+  if (free_bodies != FreeBodies::move) loose = loose_bodies();
   std::vector<Body> pieces = bodies();
   std::vector<Support> supports;
   for (const auto& [dof, s] : supports_) supports.push_back(s);

@@ -27,6 +27,15 @@ struct StateParameter {
   std::unique_ptr<Channel> value;  ///< what it is, of that state
 };
 
+/// Two parts that a joint connects, and how far from its pin (in 3D, from its axis) they do not see each other: as far
+/// as they overlap at rest. Beyond that they are in each other's way like any others.
+struct JoinedParts {
+  std::string joint;
+  std::array<int, 2> parts{};  ///< by their places in the mesh's list
+  Eigen::VectorXd pin, axis;   ///< [m]; the axis's direction, empty in the plane
+  double radius = 0;           ///< [m]; 0: there is no contact
+};
+
 /// A model with a value for each of its parameters: what a forward solve needs.
 struct Scene {
   std::unique_ptr<Model> model;
@@ -36,6 +45,13 @@ struct Scene {
 
 /// g and tau of a region's Prony pairs, which count from 0: "g_foam" and "tau_foam", then "g2_foam", "tau2_foam".
 std::pair<ParameterSpec, ParameterSpec> prony_parameters(const std::string& region, size_t pair);
+
+/// What becomes of bodies that move freely.
+enum class FreeBodies {
+  none,  ///< there must not be any: statics
+  move,  ///< their inertia holds them in each time step
+  stay   ///< they stay where they are, whatever acts on them
+};
 
 /// Puts a model together by name: regions to materials, tags to supports and loads. Every number becomes a declared
 /// parameter: material constants as "<constant>_<region>" (E_foam, nu_foam, density_foam), "thickness" in 2D, and what
@@ -112,7 +128,7 @@ class SceneBuilder {
   /// and is as stiff as `pressures` say, region by region: the pressure [Pa] at which two faces rest half a gap apart,
   /// and the smaller one of two different sides. Declares "contact_gap" and "contact_pressure_<region>". Throws
   /// InputError when something is closer than the gap at rest already. Parts that a joint connects (added before) do
-  /// not see each other. The term lives as long as the builder and its scene.
+  /// not see each other about its pin: joined(). The term lives as long as the builder and its scene.
   const Contact& add_contact(double gap, const std::map<std::string, double>& pressures,
                              const std::vector<std::vector<Eigen::Vector2d>>& obstacles = {},
                              const std::vector<GroundLine>& grounds = {},
@@ -121,11 +137,14 @@ class SceneBuilder {
   const Contact3d& add_contact_3d(double gap, const std::map<std::string, double>& pressures,
                                   const std::vector<GroundPlane>& grounds = {});
 
+  /// What joints between two parts connect.
+  const std::vector<JoinedParts>& joined() const { return joined_; }
+
   /// The finished scene. Parts that joints connect count as one body, and the world's joints as its supports, a free
-  /// pin for what it holds. Throws InputError when a region has no material or, unless bodies may move freely because
-  /// their inertia holds them in each time step, the supports leave a rigid motion free of a body that neither cables,
-  /// studs nor contact reach; whether these hold the others is found with the equilibrium (Model::loose_bodies()).
-  Scene build(bool free_bodies = false);
+  /// pin for what it holds. Throws InputError when a region has no material or, unless bodies move or stay, the
+  /// supports leave a rigid motion free of a body that neither cables, studs nor contact reach; whether these hold the
+  /// others is found with the equilibrium (Model::loose_bodies()).
+  Scene build(FreeBodies free_bodies = FreeBodies::none);
 
  private:
   template <class AnyContact, class AnySettings>
@@ -135,7 +154,14 @@ class SceneBuilder {
   int density_of(const std::string& region, double density);
   std::vector<int> part_of_nodes() const;
   void check_materials() const;
+  /// Connected parts, each by a node that stands for it.
+  struct Connected {
+    std::vector<int> piece, part;     ///< of each node; joints connect pieces to parts
+    std::map<int, int> free_motions;  ///< how many rigid motions of a part its supports leave, where they leave any
+  };
+  Connected connected_parts() const;
   std::vector<LooseBody> loose_bodies() const;
+  void hold_free_bodies();
   bool may_be_held(const std::vector<int>& part, int which) const;
   std::vector<Body> bodies();
   void check_direction(const Eigen::VectorXd& direction) const;
@@ -157,7 +183,7 @@ class SceneBuilder {
   std::vector<std::vector<int>> ties_;
   bool touches_others_ = false;  ///< there is contact, with grounds, obstacles or other parts
   std::vector<Joint> joints_;
-  std::vector<std::array<int, 2>> joined_;  ///< parts that a joint connects, by their places in the mesh's list
+  std::vector<JoinedParts> joined_;
 };
 
 }  // namespace taut

@@ -459,7 +459,7 @@ TEST(Contact3d, PartsThatDoNotSeeEachOtherPassAndOthersDoNot) {
   Contact3dSettings settings = surface.settings();
   for (int node = 0; node < surface.nodes(); ++node) settings.part.push_back(node / 8);
   EXPECT_TRUE(Contact3d(surface.mesh, settings).intersects(surface.rest()));
-  settings.apart = {{1, 0}};
+  settings.patches = {{{1, 0}, {0.7, 0.5, 0.5}, Vector3d::UnitZ(), 2}};
   const Contact3d contact(surface.mesh, settings);
   EXPECT_FALSE(contact.intersects(surface.rest()));
   EXPECT_NEAR(contact.smallest_distance(surface.rest(), 2), 0.5, 1e-12);  // the third box and the second
@@ -827,7 +827,7 @@ Free free_block(int order) {
   result.gravity = builder.declare({"gravity", "g", "m/s2", 0, 100, "gravity"}, 0.0);
   builder.add_weight("block", 1000, Vector3d(0, 0, -1), result.gravity);
   result.contact = &builder.add_contact_3d(20e-6, {{"block", 1e3}}, {{{0, 0, -1e-3}, {0, 0, 1}}});
-  result.scene = builder.build(true);
+  result.scene = builder.build(FreeBodies::move);
   return result;
 }
 
@@ -885,7 +885,7 @@ TEST(Contact3dSolve, CrossedBarsStayApartWhereOnlyTheirEdgesMeet) {
   builder.add_inertia("bar", 1000);
   for (const char* end : {"lower.xmin", "lower.xmax"}) builder.fix(end, {0, 1, 2});
   const Contact3d& contact = builder.add_contact_3d(40e-6, {{"bar", 1e3}});
-  const Scene scene = builder.build(true);
+  const Scene scene = builder.build(FreeBodies::move);
   const int first = scene.model->mesh().part("upper").first_node;
   Eigen::VectorXd u = Eigen::VectorXd::Zero(scene.model->unknowns());
   TimeStep at;

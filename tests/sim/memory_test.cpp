@@ -26,7 +26,7 @@ TermUnderTest relaxing_case(ElementShape shape, Formulation formulation, Plane p
   SceneBuilder builder(mesh, plane, 0.3);
   builder.add_solid("body", "neo_hookean", {{"E", 2e5}, {"nu", formulation == Formulation::locking_free ? 0.45 : 0.3}},
                     formulation, {{0.2, 60}, {0.3, 5}});
-  Scene scene = builder.build(true);
+  Scene scene = builder.build(FreeBodies::move);
   auto step = std::make_shared<TimeStep>();
   step->length = 12;
   std::mt19937 random(5);

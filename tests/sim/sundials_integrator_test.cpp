@@ -126,7 +126,7 @@ TEST(OdeIntegrator, AFreeBlockFallsAsGalileoSays) {
   builder.add_inertia("block", 1000);
   const int g = builder.declare({"g", "g", "m/s2", 0, 100, "gravity"}, 9.81);
   builder.add_weight("block", 1000, Eigen::Vector2d(0, -1), g);
-  const Scene scene = builder.build(true);
+  const Scene scene = builder.build(FreeBodies::move);
   const Eigen::VectorXd down = everywhere(*scene.model, 0, -1);
   const Eigen::VectorXd along = everywhere(*scene.model, 1, 0);
   for (OdeMethod method : all_methods) {
@@ -415,7 +415,7 @@ Thrown thrown(bool shelf) {
   } else {
     builder.add_contact(result.gap, {{"block", 1e5}}, {}, {{{0, 0}, {0, 1}}});
   }
-  result.scene = builder.build(true);
+  result.scene = builder.build(FreeBodies::move);
   return result;
 }
 

@@ -130,7 +130,7 @@ Scene free_block(double gravity, double mass_damping = 0) {
   builder.add_weight("block", 500, Eigen::Vector2d(0, -1), g);
   const int alpha = builder.declare({"alpha", "alpha", "1/s", 0, 1e6, "damping"}, mass_damping);
   builder.add_inertia("block", 500, MassForm::consistent, alpha);
-  return builder.build(true);
+  return builder.build(FreeBodies::move);
 }
 
 TEST(TimeStepper, FreeFallIsOffByHalfAStepOfSpeedWithImplicitEuler) {
@@ -229,7 +229,7 @@ struct Bouncing {
     builder.add_inertia("block", 500, MassForm::consistent, alpha);
     builder.add_viscosity("block", beta);
     builder.add_contact(4e-4, {{"block", 5e3}}, {}, {{Eigen::Vector2d(0, -height), Eigen::Vector2d(0, 1)}});
-    scene = builder.build(true);
+    scene = builder.build(FreeBodies::move);
   }
 };
 

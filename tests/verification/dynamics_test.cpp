@@ -51,7 +51,7 @@ TEST(Pendulum, ABodyOnAFreePinSwingsWithThePeriodOfThePhysicalPendulum) {
   pin.pivot = Eigen::Vector2d(0, 0);
   pin.radius = 0.001;
   builder.add_joint(pin);
-  const Scene scene = builder.build(true);
+  const Scene scene = builder.build(FreeBodies::move);
   const Eigen::VectorXd end =
       mean_weights(scene.model->mesh(), scene.model->mesh().select("ymin"), Eigen::Vector2d(1, 0));
   const double T0 = 2 * M_PI * std::sqrt((L * L / 3 + w * w / 12) / (g * 0.5 * L));
@@ -137,7 +137,7 @@ struct CableAndJoint {
     joint.radius = 0.004;
     joint.stiffness = 2e4;
     builder.add_joint(joint, motor);
-    scene = builder.build(true);
+    scene = builder.build(FreeBodies::move);
     const ParameterTable& table = scene.model->parameters();
     parameters = {table.index("E_foam"), table.index("nu_foam"), table.index("beta"), table.index("k_cable"),
                   table.index("density_foam")};

@@ -191,7 +191,7 @@ Falling falling(ContactForm form) {
   for (int i = 30; i >= 0; --i) shelf.push_back({-0.01 + 0.001 * i, -0.001});
   shelf.push_back(shelf.front());
   builder.add_contact(1e-4, {{"block", 1e5}}, {shelf}, {}, form);
-  return {builder.build(true)};
+  return {builder.build(FreeBodies::move)};
 }
 
 TEST(Stress, ALongStepTunnelsThroughAShelfOfPenaltiesAndStopsAtTheBarrier) {
@@ -227,7 +227,7 @@ TEST(Stress, AnIntegratorThatKnowsNoContactJumpsOverTheShelfAndIsStoppedForIt) {
   std::vector<Eigen::Vector2d> shelf;
   for (int i = 0; i <= 40; ++i) shelf.push_back({-0.03 + 0.002 * i, 0});
   builder.add_contact(1e-4, {{"block", 1e5}}, {shelf});
-  const Falling block{builder.build(true)};
+  const Falling block{builder.build(FreeBodies::move)};
   const Eigen::VectorXd rest = Eigen::VectorXd::Zero(block.scene.model->unknowns());
   const Schedule pushed = [&](double t) {
     Params p = block.scene.values;

@@ -330,15 +330,15 @@ TEST(Stress, CablesBetweenSlackAndTautDefeatALineSearchOnTheEnergyAndFullStepsBu
 }
 
 TEST(Stress, AFreeBodyIsRefusedWhereASolverWouldFindASingularHessian) {
-  const auto block = [](bool unchecked) {
+  const auto block = [](FreeBodies free_bodies) {
     SceneBuilder builder(rectangle(graded(0.02, 2), graded(0.02, 2), 1, "soft"));
     builder.add_solid("soft", "neo_hookean", {{"E", 1e4}, {"nu", 0.3}});
     const int force = builder.declare({"force", "F", "N", -1e3, 1e3, "load"}, 0.0);
     builder.add_force("xmax", Eigen::Vector2d(1, 0), force);
-    return builder.build(unchecked);
+    return builder.build(free_bodies);
   };
-  expect_input_error([&] { block(false); }, {"leave 3 of 3 rigid motions free", "fix more components"});
-  const Scene scene = block(true);  // as if nobody had looked
+  expect_input_error([&] { block(FreeBodies::none); }, {"leave 3 of 3 rigid motions free", "fix more components"});
+  const Scene scene = block(FreeBodies::move);  // as if nobody had looked
   const Params p = with(scene, scene.model->parameters().index("force"), 1);
   const Solved lost = solved(scene, p);
   EXPECT_NE(lost.report.status, SolveStatus::converged);

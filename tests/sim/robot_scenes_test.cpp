@@ -1,0 +1,335 @@
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "sim/files/simulation.hpp"
+#include "sim/mesh/mesh.hpp"
+#include "sim/robots/simulate.hpp"
+#include "tests/support/experiment_files.hpp"
+
+// Scenes of several bodies against what is known of them without a simulation.
+namespace taut {
+namespace {
+
+using namespace test;
+
+struct Scenario {
+  Simulation simulation;
+  Robot robot;
+  SimulationResult result;
+
+  explicit Scenario(const std::string& toml) {
+    const TemporaryFolder folder;
+    simulation = read_simulation(folder.write("experiment.toml", toml));
+    robot = make_robot(simulation);
+    result = simulate(simulation, robot);
+  }
+  const Mesh& mesh() const { return robot.scene.model->mesh(); }
+  const std::vector<double>& channel(const std::string& id) const {
+    return result.readings[static_cast<size_t>(&robot.reading(id) - robot.readings.data())];
+  }
+};
+
+// Two links of 60 x 10 mm that overlap by 10 mm about a motorised joint, the first one clamped.
+const std::string two_links = R"(title = "Two links"
+[simulation]
+integrator = "static"
+duration = "1 s"
+step = "50 ms"
+thickness = "10 mm"
+[materials.rubber]
+law = "neo_hookean"
+E = "10 MPa"
+nu = 0.3
+[[body]]
+name = "one"
+geometry = { kind = "rectangle", size = ["60 mm", "10 mm"], region = "rubber" }
+mesh = { cells = [24, 4], element = "linear" }
+clamped = ["xmin"]
+[[body]]
+name = "two"
+geometry = { kind = "rectangle", size = ["60 mm", "10 mm"], region = "rubber" }
+mesh = { cells = [24, 4], element = "linear" }
+at = ["50 mm", "0 mm"]
+[[control]]
+id = "motor"
+start = "0 deg"
+[[control.piece]]
+until = "1 s"
+kind = "linear"
+to = "TURN"
+[[joint]]
+id = "elbow"
+between = ["one", "two"]
+at = ["55 mm", "5 mm"]
+motor_at = ["55 mm", "8 mm"]
+radius = "4 mm"
+angle = "motor"
+[contact]
+gap = "0.1 mm"
+[[channel]]
+id = "turned"
+kind = "joint_angle"
+of = "elbow"
+)";
+
+/// The corners of a body's rectangle of `cells` along its boundary nodes, anticlockwise, in a state.
+std::vector<Eigen::Vector2d> outline_of(const Mesh& mesh, const std::string& body, const Eigen::VectorXd& u) {
+  const Part& part = mesh.part(body);
+  std::vector<Eigen::Vector2d> outline;
+  const Tag edges = boundary(mesh);
+  int at = -1, first = -1;
+  do {
+    for (int e = 0; e < edges.count(); ++e) {
+      const int from = edges.entity(e)[0], to = edges.entity(e)[1];
+      if (from < part.first_node || from >= part.first_node + part.node_count) continue;
+      if (at < 0) at = first = from;
+      if (from != at) continue;
+      outline.push_back(mesh.node(at) + u.segment<2>(2 * at));
+      at = to;
+      break;
+    }
+  } while (at != first);
+  return outline;
+}
+
+/// By the sum of the angles at which the edges are seen.
+bool inside(const Eigen::Vector2d& point, const std::vector<Eigen::Vector2d>& outline) {
+  double turn = 0;
+  for (size_t i = 0; i < outline.size(); ++i) {
+    const Eigen::Vector2d a = outline[i] - point, b = outline[(i + 1) % outline.size()] - point;
+    turn += std::atan2(a[0] * b[1] - a[1] * b[0], a.dot(b));
+  }
+  return std::abs(turn) > std::numbers::pi;
+}
+
+TEST(JoinedBodies, SeeEachOtherBeyondTheirOverlapAboutThePin) {
+  const Scenario easy(replaced(two_links, "TURN", "80 deg"));
+  ASSERT_EQ(easy.result.failure, "");
+  ASSERT_EQ(easy.robot.joined.size(), 1u);
+  // The corner of the overlap of 10 x 10 mm, and two gaps.
+  EXPECT_NEAR(easy.robot.joined[0].radius, std::sqrt(2.0) * 5e-3 + 0.2e-3, 1e-9);
+  EXPECT_NEAR(easy.channel("turned").back(), 80 * std::numbers::pi / 180, 1e-4) << "nothing is in the way yet";
+
+  // Strips of half width a meet outside the circle of radius R once they are folded by more than 180 deg - 2 asin(a/R).
+  const Scenario folded(replaced(two_links, "TURN", "150 deg"));
+  const double meet = 180 - 2 * std::asin(5e-3 / folded.robot.joined[0].radius) * 180 / std::numbers::pi;
+  EXPECT_NEAR(meet, 93, 1) << "of the test";
+  EXPECT_EQ(folded.result.intersecting, 0);
+  const Mesh& mesh = folded.mesh();
+  const Eigen::Vector2d pin(55e-3, 5e-3);
+  int watched = 0;
+  for (const Eigen::VectorXd& u : folded.result.states) {
+    for (const auto& [here, there] : {std::pair("one", "two"), std::pair("two", "one")}) {
+      const std::vector<Eigen::Vector2d> other = outline_of(mesh, there, u);
+      const Part& part = mesh.part(here);
+      for (int node = part.first_node; node < part.first_node + part.node_count; ++node) {
+        if ((mesh.node(node) - pin).norm() <= folded.robot.joined[0].radius) continue;
+        ++watched;
+        EXPECT_FALSE(inside(mesh.node(node) + u.segment<2>(2 * node), other)) << here << " node " << node;
+      }
+    }
+  }
+  EXPECT_GT(watched, 1000);
+  const double turned = folded.channel("turned").back() * 180 / std::numbers::pi;
+  const bool stopped = !folded.result.failure.empty();
+  EXPECT_TRUE(stopped || turned < 149) << "what is in the way stops the motor, or bends: " << turned;
+}
+
+TEST(JoinedBodies, APinWithoutContactHasNoPatch) {
+  const Scenario free(replaced(replaced(two_links, "TURN", "150 deg"), "[contact]\ngap = \"0.1 mm\"\n", ""));
+  EXPECT_EQ(free.result.failure, "");
+  EXPECT_EQ(free.robot.joined[0].radius, 0);
+  EXPECT_NEAR(free.channel("turned").back(), 150 * std::numbers::pi / 180, 1e-4);
+}
+
+// Two bars of 50 mm over a rise of 4 mm, pinned to the world and to each other: a shallow von Mises truss.
+std::string truss(double force) {
+  const double rise = 4, half = 50, length = std::hypot(rise, half), angle = std::atan2(rise, half);
+  // A bar's corner, so that the middle of its left end is at the pin.
+  const auto corner = [&](double x, double y, double turn) {
+    return fmt::format("at = [\"{:.9g} mm\", \"{:.9g} mm\"]\nturned = \"{:.12g} rad\"", x + 3 * std::sin(turn),
+                       y - 3 * std::cos(turn), turn);
+  };
+  return fmt::format(R"(title = "Truss"
+[simulation]
+integrator = "static"
+duration = "1 s"
+step = "20 ms"
+thickness = "10 mm"
+[materials.rubber]
+law = "neo_hookean"
+E = "1 MPa"
+nu = 0
+[[body]]
+name = "left"
+geometry = {{ kind = "rectangle", size = ["{0:.9g} mm", "6 mm"], region = "rubber" }}
+mesh = {{ cells = [16, 2] }}
+{1}
+[[body]]
+name = "right"
+geometry = {{ kind = "rectangle", size = ["{0:.9g} mm", "6 mm"], region = "rubber" }}
+mesh = {{ cells = [16, 2] }}
+{2}
+[[joint]]
+id = "left_pin"
+between = ["world", "left"]
+at = ["0 mm", "0 mm"]
+radius = "3 mm"
+[[joint]]
+id = "right_pin"
+between = ["world", "right"]
+at = ["100 mm", "0 mm"]
+radius = "3 mm"
+[[joint]]
+id = "apex"
+between = ["left", "right"]
+at = ["50 mm", "4 mm"]
+radius = "3 mm"
+[[control]]
+id = "push"
+start = "0 N"
+[[control.piece]]
+until = "1 s"
+kind = "linear"
+to = "{3:.9g} N"
+[[load]]
+id = "dead"
+on = "left.xmax"
+direction = [0, -1]
+control = "push"
+[[channel]]
+id = "drop"
+kind = "displacement"
+of = "left.xmax"
+direction = [0, -1]
+[workspace]
+x = "drop"
+y = "rise"
+samples = 30
+[[workspace.mode]]
+name = "pushed"
+push = ["0 N", "{3:.9g} N"]
+[[channel]]
+id = "rise"
+kind = "displacement"
+of = "left.xmax"
+direction = [0, 1]
+)",
+                     length, corner(0, 0, angle), corner(half, rise, -angle), force);
+}
+
+TEST(Slips, AVonMisesTrussJumpsAtItsFoldAndSaysSo) {
+  // Shallow: F = EA z (h^2 - z^2) / L^3 at the height z, at most 2 EA h^3 / (3 sqrt(3) L^3) at z = h / sqrt(3), and
+  // from there to z = -2 h / sqrt(3).
+  const double h = 4e-3, L = std::hypot(4e-3, 50e-3), EA = 1e6 * 6e-3 * 10e-3;
+  const double fold = 2 * EA * std::pow(h / L, 3) / (3 * std::sqrt(3.0));
+  const Scenario truss_run(truss(2 * fold));
+  ASSERT_EQ(truss_run.result.failure, "");
+  ASSERT_EQ(truss_run.result.slips.size(), 1u);
+  const SimulationResult::Slip& slip = truss_run.result.slips[0];
+  EXPECT_NEAR(2 * slip.t, 1, 0.15) << "of twice the fold's load in a second; pins act over patches";
+  EXPECT_NEAR(slip.jump, std::sqrt(3.0) * h, 0.15 * std::sqrt(3.0) * h);
+
+  const Scenario below(truss(0.7 * fold));
+  EXPECT_EQ(below.result.failure, "");
+  EXPECT_TRUE(below.result.slips.empty());
+
+  const WorkspaceResult reach =
+      sample_workspace(truss_run.simulation, truss_run.robot, truss_run.simulation.workspace->modes.front());
+  EXPECT_GT(reach.slips, 0);
+  EXPECT_EQ(sample_workspace(below.simulation, below.robot, below.simulation.workspace->modes.front()).slips, 0);
+}
+
+// A cantilever over which a block is thrown, and a block that hangs from the world by two cables.
+const std::string sag_and_fall = R"(title = "A cantilever sags, a block falls"
+[simulation]
+start = "equilibrium"
+duration = "20 ms"
+step = "1 ms"
+thickness = "10 mm"
+gravity = "9.81 m/s2"
+direction = [0, -1]
+[materials.rubber]
+law = "neo_hookean"
+E = "1 MPa"
+nu = 0.3
+density = "1000 kg/m3"
+[[body]]
+name = "beam"
+geometry = { kind = "rectangle", size = ["60 mm", "4 mm"], region = "rubber" }
+mesh = { cells = [12, 2] }
+clamped = ["xmin"]
+[[body]]
+name = "block"
+geometry = { kind = "rectangle", size = ["8 mm", "8 mm"], region = "rubber" }
+mesh = { cells = [2, 2] }
+at = ["40 mm", "10 mm"]
+velocity = ["0.1 m/s", "0.2 m/s"]
+[[body]]
+name = "hung"
+geometry = { kind = "rectangle", size = ["20 mm", "8 mm"], region = "rubber" }
+mesh = { cells = [4, 2] }
+at = ["100 mm", "0 mm"]
+[[cable]]
+id = "left"
+body = "hung"
+x = ["-2 mm", "2 mm"]
+y = ["40 mm", "6 mm"]
+fixed = "start"
+k = "1 N/mm"
+[[cable]]
+id = "right"
+body = "hung"
+x = ["22 mm", "18 mm"]
+y = ["40 mm", "6 mm"]
+fixed = "start"
+k = "1 N/mm"
+[contact]
+gap = "0.1 mm"
+[[channel]]
+id = "tip"
+kind = "displacement"
+of = "beam.xmax"
+direction = [0, -1]
+[[channel]]
+id = "height"
+kind = "displacement"
+of = "block"
+direction = [0, 1]
+[[channel]]
+id = "way"
+kind = "displacement"
+of = "block"
+direction = [1, 0]
+[[channel]]
+id = "tension"
+kind = "tension"
+of = "left"
+)";
+
+TEST(StartInEquilibrium, LeavesFreeBodiesWhereTheyWerePutWithTheirVelocity) {
+  const Scenario run(sag_and_fall);
+  ASSERT_EQ(run.result.failure, "");
+  const double g = 9.81, step = 1e-3;
+  EXPECT_EQ(run.channel("height")[0], 0);
+  for (size_t n = 1; n < run.result.times.size(); ++n) {
+    const double k = static_cast<double>(n), t = k * step;  // implicit Euler of a falling mass
+    EXPECT_NEAR(run.channel("height")[n], 0.2 * t - 0.5 * g * step * step * k * (k + 1), 1e-9);
+    EXPECT_NEAR(run.channel("way")[n], 0.1 * t, 1e-9);
+  }
+  // A slender cantilever under its weight in plane strain: rho g h L^4 / (8 E' I).
+  const double stiffness = 1e6 / (1 - 0.09) * std::pow(4e-3, 3) / 12, load = 1000 * g * 4e-3;
+  const double sag = load * std::pow(60e-3, 4) / (8 * stiffness);
+  EXPECT_NEAR(run.channel("tip")[0], sag, 0.05 * sag);
+  for (const double tip : run.channel("tip")) EXPECT_NEAR(tip, run.channel("tip")[0], 1e-6 * sag) << "at rest";
+  // What hangs by cables is held: half of its weight over the cosine of the cables' slope.
+  const double weight = 1000 * 20e-3 * 8e-3 * 10e-3 * g, cosine = 34 / std::hypot(34.0, 4.0);
+  for (const double tension : run.channel("tension")) EXPECT_NEAR(tension, 0.5 * weight / cosine, 0.01 * weight);
+}
+
+}  // namespace
+}  // namespace taut
