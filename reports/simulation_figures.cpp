@@ -209,8 +209,9 @@ std::optional<Drawing> workspaces(const SimulationRecord& record) {
   std::vector<LegendEntry> legend = {{LegendEntry::heading, "Mode and area"}};
   std::string csv = "mode,kind,x_mm,y_mm\n";
   for (const SimulationRecord::Workspace& space : record.workspaces) {
-    legend.push_back(
-        {LegendEntry::line, fmt::format("{}: {:.3g} cm²", space.mode, space.area / 1e-4), colour(legend.size() - 1)});
+    legend.push_back({LegendEntry::line,
+                      fmt::format("{}: {:.3g} ± {:.2g} cm²", space.mode, space.area / 1e-4, space.area_error / 1e-4),
+                      colour(legend.size() - 1)});
     for (const auto& [kind, points] : {std::pair("point", &space.points), std::pair("outline", &space.outline)}) {
       for (const std::vector<double>& p : rows_in(kMillimetre, *points)) {
         xs.push_back(p[0]);
@@ -238,8 +239,10 @@ std::optional<Drawing> workspaces(const SimulationRecord& record) {
   for (const Plots& more : {points, outlines}) plots.insert(plots.end(), more.begin(), more.end());
   page.panel(grid.box(0), x, y, "", plots);
   const char* caption =
-      "Where the chosen place of the robot comes to in each actuation mode: every dot is one computed equilibrium, the "
-      "line is the outline of all of them and the number its area.";
+      "Where the chosen place of the robot comes to in each actuation mode: every dot is one computed equilibrium, or "
+      "its "
+      "mirror image where the scene is symmetric, the line is the outline of all of them and the number its area, with "
+      "what half of the dots, or a finer outline, change of it.";
   return Drawing{{"workspaces", "reachable places", caption}, csv, page};
 }
 

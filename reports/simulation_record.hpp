@@ -44,11 +44,12 @@ struct SimulationRecord {
     std::vector<std::string> y;
   };
   std::vector<Plot> plots;  ///< beside those of all channels of one unit, which come by themselves
-  /// Reachable points of a chosen place in one actuation mode, with an outline [m] and its area [m^2].
+  /// Reachable points of a chosen place in one actuation mode, with an outline [m], its area and how well that is known
+  /// [m^2].
   struct Workspace {
     std::string mode;
     std::vector<Eigen::Vector2d> points;
-    double area;
+    double area, area_error;
     std::vector<Eigen::Vector2d> outline;
   };
   std::vector<Workspace> workspaces;

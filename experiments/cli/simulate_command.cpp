@@ -17,6 +17,7 @@
 #include "sim/core/error.hpp"
 #include "sim/files/simulation.hpp"
 #include "sim/robots/simulate.hpp"
+#include "sim/robots/workspace.hpp"
 
 namespace taut {
 namespace {
@@ -67,8 +68,9 @@ std::string slips_text(const SimulationResult& result) {
                         with_unit(result.slips[k].jump, "m"));
   if (result.slips.size() > most) when += fmt::format(" and {} more", result.slips.size() - most);
   return fmt::format(
-      "YES: {}: its equilibrium ends there and the scene jumps to another one, which of several equilibria do not say; "
-      "with inertia (integrator = \"bdf2\") it may end elsewhere",
+      "YES: {}: the path of equilibria ends there and the scene jumps to another one; statics does not decide to "
+      "which, "
+      "inertia does (integrator = \"bdf2\")",
       when);
 }
 
@@ -146,7 +148,10 @@ nlohmann::ordered_json summary_json(const SimulationRecord& record) {
     json["channels"][series.id] = {
         {"unit", series.unit}, {"min", *least}, {"max", *most}, {"end", series.values.back()}};
   }
-  for (const auto& workspace : record.workspaces) json["workspace_m2"][workspace.mode] = workspace.area;
+  for (const auto& workspace : record.workspaces) {
+    json["workspace_m2"][workspace.mode] = workspace.area;
+    json["workspace_error_m2"][workspace.mode] = workspace.area_error;
+  }
   return json;
 }
 
@@ -160,25 +165,30 @@ void print_summary(const SimulationRecord& record) {
                with_unit(*most, series.unit), with_unit(series.values.back(), series.unit));
   }
   for (const auto& workspace : record.workspaces)
-    fmt::print("workspace {:<12} {:.4g} cm2\n", workspace.mode, 1e4 * workspace.area);
+    fmt::print("workspace {:<12} {:.4g} +- {:.2g} cm2 (half of the samples, or a finer outline)\n", workspace.mode,
+               1e4 * workspace.area, 1e4 * workspace.area_error);
+}
+
+/// How a workspace was sampled.
+std::string samples_text(const WorkspaceResult& reached) {
+  std::string text = fmt::format("{} equilibria", reached.samples);
+  if (reached.mirrored >= 0)
+    text += fmt::format(", each counted mirrored in {} as well, as the scene is symmetric", "xy"[reached.mirrored]);
+  if (!reached.holds.empty()) text += fmt::format(", and those of {}", join(reached.holds, " and "));
+  if (reached.failures > 0) text += fmt::format("; {} samples had no equilibrium and are left out", reached.failures);
+  if (reached.slips > 0)
+    text +=
+        fmt::format("; {} were reached by a jump to another equilibrium, on no path that leads back", reached.slips);
+  return text;
 }
 
 /// Samples the workspaces that the file asks for.
 void add_workspaces(const Simulation& simulation, const Robot& robot, const CommandOptions& options, Progress& progress,
                     SimulationRecord& record) {
-  for (const WorkspaceMode& mode : simulation.workspace->modes) {
-    progress.say(fmt::format("workspace of mode {}", mode.name));
-    if (options.interrupted()) break;
-    const WorkspaceResult reached = sample_workspace(simulation, robot, mode, options.stop);
-    if (reached.failures > 0)
-      record.facts.emplace_back("workspace " + mode.name,
-                                fmt::format("{} samples had no equilibrium and are left out", reached.failures));
-    if (reached.slips > 0)
-      record.facts.emplace_back("workspace " + mode.name,
-                                fmt::format("{} of {} samples were reached by a jump to another equilibrium, not on a "
-                                            "path that a slow motion could go back",
-                                            reached.slips, reached.points.size()));
-    record.workspaces.push_back({reached.mode, reached.points, reached.area, reached.outline});
+  const auto tell = [&](const std::string& mode) { progress.say(fmt::format("workspace of mode {}", mode)); };
+  for (const WorkspaceResult& reached : sample_workspaces(simulation, robot, tell, options.stop)) {
+    record.facts.emplace_back("workspace " + reached.mode, samples_text(reached));
+    record.workspaces.push_back({reached.mode, reached.points, reached.area, reached.area_error, reached.outline});
   }
 }
 

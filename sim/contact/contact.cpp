@@ -40,6 +40,7 @@ struct PlaneSurface : ContactSurface<2, ContactSettings> {
   std::vector<std::array<int, 2>> edges;
   std::vector<int> edge_stiffness;  ///< -1: the other side's
   std::vector<double> length;       ///< of rest boundary per vertex [m]
+  std::vector<int> obstacle_of;     ///< of each vertex of one
   IndexLists edges_at;              ///< per vertex
   IndexLists vertex_patches, edge_patches;
   BoxTree<2> body_tree, obstacle_tree;
@@ -83,6 +84,20 @@ struct PlaneSurface : ContactSurface<2, ContactSettings> {
   int thickness() const { return weighted() ? settings.thickness : -1; }
   double scale(const Params& p) const { return thickness() >= 0 ? p[thickness()] : 1.0; }
   double mollified(const State&, const Interaction&) const { return 1; }
+  int feature_count() const { return edge_count(); }
+  const std::array<int, 2>& corners_of(int edge) const { return edges[edge]; }
+  int stiffness_of_feature(int edge) const { return edge_stiffness[edge]; }
+  double share_of(int vertex) const { return 0.5 * length[vertex]; }
+  int side_of_vertex(int v) const { return v < moving() ? part_of(v) : -1 - obstacle_of[v - moving()]; }
+  int side_of(int feature) const {
+    if (feature < edge_count()) return side_of_vertex(edges[feature][0]);
+    return -1 - static_cast<int>(settings.obstacles.size()) - (feature - edge_count());
+  }
+  int side_of_feature(const Interaction& i) const { return side_of(i.second); }
+  template <class Meet>
+  void each_point_pair(const State& s, double reach, Meet&& meet) const {
+    for (const Near& near : pairs_within(s, reach)) meet(near.first, near.second, near.closest.distance);
+  }
   int vertex_of(const Interaction& i) const { return i.first; }
   std::vector<Interaction> interactions(const State& s, const Params& p) const;
   void add_vertex_interactions(const State& s, const Params& p, std::span<const Near> near,
@@ -128,6 +143,7 @@ void PlaneSurface::add_obstacles() {
     const int first = vertices(), count = static_cast<int>(line.size()) - (closed ? 1 : 0);
     X.conservativeResize(2, first + count);
     for (int k = 0; k < count; ++k) X.col(first + k) = line[k];
+    obstacle_of.resize(static_cast<size_t>(vertices() - moving()), static_cast<int>(o));
     for (int k = 0; k + 1 < static_cast<int>(line.size()); ++k) {
       edges.push_back({first + k, first + (k + 1) % count});
       edge_stiffness.push_back(settings.obstacle_stiffness);

@@ -83,6 +83,22 @@ struct SpaceSurface : ContactSurface<3, Contact3dSettings> {
   double scale(const Params&) const { return 1; }
   static double reach_of(const Interaction& i) { return i.kind == Interaction::Kind::edges ? edge_reach : 1.0; }
   Barrier law(const Interaction& i, const Params& p) const { return {reach_of(i) * p[settings.gap]}; }
+  int feature_count() const { return triangle_count(); }
+  const std::array<int, 3>& corners_of(int triangle) const { return triangles[triangle]; }
+  int stiffness_of(const Params& p, int vertex) const { return stiffness_at(p, triangles_at, vertex); }
+  int stiffness_of_feature(int triangle) const { return settings.stiffness[triangle]; }
+  double share_of(int vertex) const { return 0.5 * area[vertex]; }
+  int side_of_vertex(int v) const { return part_of(v); }
+  int side_of(int feature) const {
+    return feature < triangle_count() ? part_of(triangles[feature][0]) : -1 - (feature - triangle_count());
+  }
+  int side_of_feature(const Interaction& i) const {
+    return part_of(i.kind == Interaction::Kind::edge ? edges[i.second][0] : triangles[i.second][0]);
+  }
+  template <class Meet>
+  void each_point_pair(const State& s, double reach, Meet&& meet) const {
+    for (const Near& near : pairs_within(s, reach, 0).first) meet(near.first, near.second, near.closest.distance);
+  }
   int vertex_of(const Interaction& i) const { return i.kind == Interaction::Kind::edges ? edges[i.first][0] : i.first; }
   double mollified(const State& s, const Interaction& i) const {
     return i.kind == Interaction::Kind::edges ? mollifier(s, i).value : 1;

@@ -159,7 +159,7 @@ Closest3 closest_on_triangle(const Vector3d& r, const Vector3d& e, const Vector3
 }
 
 Closest3 closest_of_segments(const Vector3d& r, const Vector3d& e, const Vector3d& f) {
-  using Part = Closest3::Part;
+  using On = Closest3::Part;
   const Vector3d area = e.cross(f);
   const double square = area.squaredNorm(), size = e.squaredNorm() * f.squaredNorm();
   Closest3 c;
@@ -189,7 +189,7 @@ Closest3 closest_of_segments(const Vector3d& r, const Vector3d& e, const Vector3
     if (on_first.distance < c.distance) {
       c.distance = on_first.distance;
       c.normal = -on_first.normal;
-      c.part = on_first.part == Part::vertices ? Part::vertices : Part::edge_vertex;
+      c.part = on_first.part == On::vertices ? On::vertices : On::edge_vertex;
       c.first = on_first.second;
       c.second = end;
     }

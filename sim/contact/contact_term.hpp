@@ -26,9 +26,30 @@ struct PinPatch {
   double radius = 0;                                                       ///< [m]
 };
 
+/// What presses on a vertex of a surface from one side: from a part of the mesh, an obstacle or a ground.
+template <int D>
+struct Touch {
+  int vertex = 0;   ///< of the surface, by its own number
+  int feature = 0;  ///< the nearest one there: an edge or triangle, after all of them the grounds
+  using Vector = Eigen::Matrix<double, D, 1>;
+  Vector force = Vector::Zero();   ///< on the vertex [N]; edges that cross take no part
+  Vector change = Vector::Zero();  ///< of that; zero unless asked for
+};
+
+/// A vertex (first) and the corners of the feature that it meets.
+template <int D>
+struct Meeting {
+  std::array<int, D + 1> nodes;       ///< of the mesh; -1: fixed in space
+  Eigen::Matrix<double, D, D + 1> X;  ///< at rest [m]
+  int side = 0;                       ///< what the feature is of; the same for all of a part, an obstacle, a ground
+  int stiffness = -1;                 ///< table index of kappa
+  double area = 0;                    ///< of the rest surface that stands for the vertex there [m2]; [m] in the plane
+};
+
 /// What contact in the plane and in space ask for alike, by numbers of the parameter table.
 template <int D>
 struct ContactSides {
+  static constexpr int dimension = D;
   /// Per edge or triangle: table index of kappa > 0 [Pa]; [N/m] in the pair sums. A pair takes the smaller of its two
   /// sides' values, and a node or an edge has the smallest of those that it belongs to.
   std::vector<int> stiffness;
@@ -63,9 +84,18 @@ class SurfaceContact : public Term {
   /// states that touch. Always 1 for the penalty.
   double step_limit(const Point& at, const Eigen::VectorXd& step) const override;
 
+  static constexpr int dimension = Settings::dimension;  ///< 2 or 3
+
   const Settings& settings() const;  ///< as they were given, the grounds' normals of unit length
   /// Pairs closer than dhat, sorted by their numbers. `brute_force` looks at all pairs (for tests).
   std::vector<Pair> active_pairs(const Point& at, bool brute_force = false) const;
+  int vertices() const;  ///< of the surface, what is fixed included
+  /// What presses on each vertex at this state, by vertex and then side; with how that changes where u and the
+  /// parameters change by `du` and `dp`, if they are given.
+  std::vector<Touch<dimension>> touches(const Point& at, const Eigen::VectorXd* du = nullptr,
+                                        const Params* dp = nullptr) const;
+  /// The places of a touch's vertex and feature, with the parameters that say how stiff contact is there.
+  Meeting<dimension> meeting(int vertex, int feature, const Params& p) const;
   /// Smallest distance [m] between features that share no node, or a node and a ground (negative behind it), looked for
   /// up to `horizon`; +inf when nothing is nearer than that.
   double smallest_distance(const Eigen::VectorXd& u, double horizon) const;

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <initializer_list>
 #include <limits>
+#include <map>
 #include <span>
 #include <stdexcept>
 #include <string_view>
@@ -17,6 +18,7 @@
 #include "sim/contact/contact_geometry.hpp"
 #include "sim/contact/contact_term.hpp"
 #include "sim/core/error.hpp"
+#include "sim/core/numbers.hpp"
 #include "sim/core/parameters.hpp"
 #include "sim/core/sorted.hpp"
 #include "sim/mesh/mesh.hpp"
@@ -220,6 +222,9 @@ struct ContactSurface {
     }
   }
 
+  /// The part that a vertex of the mesh is of.
+  int part_of(int v) const { return settings.part.empty() ? 0 : settings.part[nodes[v]]; }
+
   /// How near a feature at rest comes to a pin; infinitely far where it is of neither of its parts [m].
   template <size_t N>
   double from_pin(const PinPatch<D>& pin, const std::array<int, N>& feature) const {
@@ -346,6 +351,100 @@ void SurfaceContact<Surface, Settings, Pair>::assemble(const Point& at, Assembly
     if (out.gradient != nullptr) out.add_gradient(local.nodes.data(), local.count, D, local.gradient.data());
     if (f.wants_hessian) out.add_coupling(local.nodes.data(), local.count, D, local.hessian.data());
   }
+}
+
+template <class Surface, class Settings, class Pair>
+int SurfaceContact<Surface, Settings, Pair>::vertices() const {
+  return surface_->vertices();
+}
+
+template <class Surface, class Settings, class Pair>
+auto SurfaceContact<Surface, Settings, Pair>::touches(const Point& at, const Eigen::VectorXd* du,
+                                                      const Params* dp) const -> std::vector<Touch<dimension>> {
+  constexpr int D = dimension;
+  using Vector = Eigen::Matrix<double, D, 1>;
+  const typename Surface::State s = surface_->state(at.u);
+  std::map<std::array<int, 2>, std::pair<double, Touch<D>>> found;  // by vertex and side, with the smallest distance
+  const auto meet = [&](int vertex, int feature, double distance) {
+    auto& [nearest, touch] =
+        found.try_emplace({vertex, surface_->side_of(feature)}, infinity, Touch<D>()).first->second;
+    if (!(distance < nearest)) return;
+    nearest = distance;
+    touch.vertex = vertex;
+    touch.feature = feature;
+  };
+  const double gap = at.p[surface_->settings.gap];
+  surface_->each_point_pair(s, gap, meet);
+  surface_->each_height(s, [&](int g, int v, double height) {
+    if (height < gap) meet(v, surface_->feature_count() + g, height);
+  });
+  typename Surface::Local local;
+  // What a vertex that is fixed feels is what the others do, the other way round.
+  const auto on_vertex = [&](int vertex, const auto& on_places) {
+    Vector others = Vector::Zero();
+    for (int k = 0; k < local.count; ++k) {
+      const Vector own = on_places.template segment<D>(D * k);
+      if (vertex < surface_->moving() && local.nodes[k] == surface_->nodes[vertex]) return own;
+      others -= own;
+    }
+    return others;
+  };
+  const double scale = surface_->scale(at.p);
+  for (const Interaction& i : surface_->interactions(s, at.p)) {
+    if (i.kind == Interaction::Kind::edges || i.distance == 0) continue;
+    const int side = i.kind == Interaction::Kind::ground   ? surface_->side_of(surface_->feature_count() + i.second)
+                     : i.kind == Interaction::Kind::vertex ? surface_->side_of_vertex(i.second)
+                                                           : surface_->side_of_feature(i);
+    Touch<D>& touch = found.at({i.first, side}).second;
+    const auto law = surface_->law(i, at.p);
+    const double factor = scale * at.p[i.stiffness] * i.weight;
+    const OfDistance f{0, factor * law.slope(i.distance), factor * law.curvature(i.distance), du != nullptr};
+    surface_->differentiate(s, i, f, local);
+    touch.force -= on_vertex(i.first, local.gradient);
+    if (du != nullptr) {
+      Eigen::Matrix<double, Eigen::Dynamic, 1> moved(D * local.count);
+      for (int k = 0; k < local.count; ++k)
+        moved.template segment<D>(D * k) = du->template segment<D>(D * local.nodes[k]);
+      touch.change -= on_vertex(i.first, Eigen::VectorXd(local.hessian * moved));
+    }
+    for (Eigen::Index index = 0; dp != nullptr && index < dp->size(); ++index) {
+      if ((*dp)[index] == 0 || !depends_on(static_cast<int>(index))) continue;
+      surface_->differentiate(s, i, surface_->parameter_derivative(i, at.p, static_cast<int>(index)), local);
+      touch.change -= (*dp)[index] * on_vertex(i.first, local.gradient);
+    }
+  }
+  std::vector<Touch<D>> touches;
+  for (const auto& [where, one] : found) touches.push_back(one.second);
+  return touches;
+}
+
+template <class Surface, class Settings, class Pair>
+auto SurfaceContact<Surface, Settings, Pair>::meeting(int vertex, int feature, const Params& p) const
+    -> Meeting<dimension> {
+  Meeting<dimension> meeting;
+  meeting.side = surface_->side_of(feature);
+  meeting.nodes.fill(-1);
+  meeting.X.col(0) = surface_->X.col(vertex);
+  if (vertex < surface_->moving()) meeting.nodes[0] = surface_->nodes[vertex];
+  const int own = surface_->stiffness_of(p, vertex), ground = feature - surface_->feature_count();
+  if (ground >= 0) {
+    const auto& plane = surface_->settings.grounds[static_cast<size_t>(ground)];
+    Eigen::Matrix<double, dimension, dimension> along = Eigen::Matrix<double, dimension, dimension>::Zero();
+    along.col(1) = plane.normal.unitOrthogonal();
+    if constexpr (dimension == 3) along.col(2) = plane.normal.cross(along.col(1));
+    meeting.X.template rightCols<dimension>() = along.colwise() + plane.point;
+    meeting.stiffness = softer(p, own, surface_->settings.obstacle_stiffness);
+    meeting.area = 2 * surface_->share_of(vertex);  // all of it is at the body's nodes
+    return meeting;
+  }
+  const auto& corners = surface_->corners_of(feature);
+  for (size_t k = 0; k < corners.size(); ++k) {
+    meeting.X.col(static_cast<Eigen::Index>(k) + 1) = surface_->X.col(corners[k]);
+    if (corners[k] < surface_->moving()) meeting.nodes[k + 1] = surface_->nodes[corners[k]];
+  }
+  meeting.stiffness = softer(p, own, surface_->stiffness_of_feature(feature));
+  meeting.area = surface_->share_of(vertex);
+  return meeting;
 }
 
 template <class Surface, class Settings, class Pair>

@@ -128,6 +128,22 @@ void read_control(TableReader& table, Simulation& simulation) {
   simulation.schedules.push_back(std::move(schedule));
 }
 
+/// A roller, or a face that a control moves.
+void read_support(TableReader& table, Simulation& simulation) {
+  const int d = simulation.dimension;
+  SupportSettings support;
+  support.on = table.text("on");
+  for (const std::string& name : table.texts_or_none("fix")) support.fix.push_back(component_of(table, "fix", name, d));
+  if (table.has("move")) {
+    support.component = component_of(table, "move", table.text("move"), d);
+    support.control = control_of(table, "control", simulation, Quantity::length);
+  }
+  if (support.fix.empty() && support.control.empty())
+    table.fail("", "a support needs 'fix' (a list of components) or 'move' (one of them) with 'control'");
+  table.finish();
+  simulation.supports.push_back(std::move(support));
+}
+
 void read_cable(TableReader& table, Simulation& simulation) {
   CableSettings cable;
   cable.id = table.text("id");
@@ -191,6 +207,10 @@ void read_contact(TableReader table, Simulation& simulation) {
   SurfaceSettings& contact = simulation.contact;
   contact.on = true;
   contact.gap = table.positive("gap", Quantity::length, "contact gap");
+  contact.friction = table.optional_quantity("friction", Quantity::pure);
+  if (contact.friction && !(*contact.friction >= 0 && *contact.friction <= 10))
+    table.fail("friction",
+               "a coefficient of friction from 0 (which can be changed as contact_friction) to 10 belongs here");
   if (auto pressures = table.optional_table("pressure")) {
     for (const MaterialSettings& material : simulation.materials) {
       if (const auto value = pressures->optional_positive(material.region, Quantity::pressure, "pressure"))
@@ -321,11 +341,12 @@ void refuse_without_effect(const Simulation& simulation) {
   use(simulation.cables.cables);
   use(simulation.joints);
   use(simulation.loads);
+  use(simulation.supports);
   for (const ControlSettings& control : simulation.controls) {
     if (std::find(used.begin(), used.end(), control.id) == used.end())
       throw InputError(
           fmt::format("{}: the control '{}' moves nothing; name it as the retraction of a cable, the angle of a "
-                      "joint or the control of a load, or remove it",
+                      "joint or the control of a load or a support, or remove it",
                       simulation.path, control.id));
   }
 }
@@ -351,6 +372,7 @@ void read_tables(TableReader& root, Simulation& simulation) {
   }
   read_damping(root, simulation);
   for (TableReader& table : root.tables("control")) read_control(table, simulation);
+  for (TableReader& table : root.tables("support")) read_support(table, simulation);
   for (TableReader& table : root.tables("cable")) read_cable(table, simulation);
   for (TableReader& table : root.tables("joint")) read_joint(table, simulation);
   read_studs(root, simulation, Language::simulation);

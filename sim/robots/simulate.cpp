@@ -9,7 +9,6 @@
 #include "sim/core/error.hpp"
 #include "sim/core/stopwatch.hpp"
 #include "sim/core/units.hpp"
-#include "sim/robots/reach.hpp"
 #include "sim/robots/sensitivities.hpp"
 #include "sim/solve/sundials_integrator.hpp"
 #include "sim/terms/solid.hpp"
@@ -17,32 +16,22 @@
 namespace taut {
 namespace {
 
-/// At rest, with slips looked for. `model` has the unknowns and parameters of the robot's own.
-Equilibrium make_equilibrium(const Simulation& simulation, const Robot& robot, const Model& model,
-                             const std::atomic<bool>* stop) {
-  EquilibriumOptions options = simulation.equilibrium;
-  options.stop = stop;
-  options.check_path = true;
-  Equilibrium equilibrium(model, options);
-  equilibrium.start_at_rest(at_rest(simulation, robot));
-  return equilibrium;
-}
-
 /// Throws InputError for what the method of the simulation cannot follow, and for sensitivities that there are none of.
 void check_method(const Simulation& simulation, const Robot& robot, const SimulationSensitivities& wanted) {
   using enum SimulationMethod;
   const bool by_steps = simulation.method == implicit_euler || simulation.method == bdf2;
   if (simulation.remembers() && !by_steps && (wanted.any() || simulation.method != quasi_static))
     throw InputError(
-        fmt::format("{}: [simulation]: stresses relax (prony), which {} not follow; choose integrator = "
+        fmt::format("{}: [simulation]: states depend on those before them (prony, friction), which {} not follow; "
+                    "choose integrator = "
                     "\"implicit_euler\" or \"bdf2\"",
                     simulation.path, wanted.any() ? "sensitivities of equilibria do" : "SUNDIALS' integrators do"));
   if (!wanted.any()) return;
   if (simulation.remembers() && wanted.goal)
-    throw InputError(
-        fmt::format("{}: stresses relax (prony), which the gradient of a goal does not follow; take "
-                    "forward sensitivities",
-                    simulation.path));
+    throw InputError(fmt::format(
+        "{}: states depend on those before them (prony, friction), which the gradient of a goal does not follow; take "
+        "forward sensitivities",
+        simulation.path));
   if (simulation.method != quasi_static && simulation.method != implicit_euler && simulation.method != bdf2) {
     throw InputError(
         fmt::format("{}: [simulation]: SUNDIALS' integrators give no sensitivities here; choose integrator = "
@@ -114,7 +103,7 @@ class Run {
   };
 
   void go_through_equilibria() {
-    Equilibrium equilibrium = make_equilibrium(simulation_, robot_, model_, options_.stop);
+    Equilibrium equilibrium = equilibrium_at_rest(simulation_, robot_, model_, options_.stop);
     std::vector<double> times;
     for (int k = 0; k <= intervals(); ++k) times.push_back(std::min(simulation_.duration, k * simulation_.step));
     const size_t goal = wanted_.goal ? nearest(times, wanted_.goal->time) : times.size();
@@ -256,7 +245,7 @@ class Run {
     with_all_held.over_time = true;
     with_all_held.free_bodies = FreeBodies::stay;
     const BuiltScene held = build_scene(simulation_, with_all_held);
-    Equilibrium equilibrium = make_equilibrium(simulation_, robot_, *held.scene.model, options_.stop);
+    Equilibrium equilibrium = equilibrium_at_rest(simulation_, robot_, *held.scene.model, options_.stop);
     const SolveReport& report = equilibrium.solve(robot_.at(simulation_, 0));
     result_.factorisations += report.factorisations;
     if (report.status == SolveStatus::converged)
@@ -324,15 +313,6 @@ class Run {
   SimulationResult result_;
 };
 
-/// 1 / sqrt of the k-th prime: a curve of such periods never closes.
-double period(size_t k) {
-  std::vector<int> primes;
-  for (int n = 2; primes.size() <= k; ++n) {
-    if (std::ranges::none_of(primes, [n](int prime) { return n % prime == 0; })) primes.push_back(n);
-  }
-  return 1 / std::sqrt(primes.back());
-}
-
 }  // namespace
 
 Params at_rest(const Simulation& simulation, const Robot& robot) {
@@ -347,55 +327,19 @@ Params at_rest(const Simulation& simulation, const Robot& robot) {
   return p;
 }
 
+Equilibrium equilibrium_at_rest(const Simulation& simulation, const Robot& robot, const Model& model,
+                                const std::atomic<bool>* stop) {
+  EquilibriumOptions options = simulation.equilibrium;
+  options.stop = stop;
+  options.check_path = true;
+  Equilibrium equilibrium(model, options);
+  equilibrium.start_at_rest(at_rest(simulation, robot));
+  return equilibrium;
+}
+
 SimulationResult simulate(const Simulation& simulation, const Robot& robot, const SimulateOptions& options) {
   check_method(simulation, robot, options.sensitivities);
   return Run(simulation, robot, options).to_end();
-}
-
-WorkspaceResult sample_workspace(const Simulation& simulation, const Robot& robot, const WorkspaceMode& mode,
-                                 const std::atomic<bool>* stop) {
-  WorkspaceResult result;
-  result.mode = mode.name;
-  const SceneReading &x = robot.reading(simulation.workspace->x), &y = robot.reading(simulation.workspace->y);
-  Equilibrium equilibrium = make_equilibrium(simulation, robot, *robot.scene.model, stop);
-  Params p = robot.at(simulation, 0);
-  equilibrium.solve(p);
-  const auto visit = [&](const Params& next) {
-    if (stop != nullptr && stop->load()) return;
-    if (equilibrium.solve(next).status != SolveStatus::converged) {
-      ++result.failures;  // the state stays where the last sample was
-      return;
-    }
-    result.slips += equilibrium.report().slipped;
-    const Point at{equilibrium.u(), equilibrium.p()};
-    result.points.emplace_back(x.rest + x.channel->value(at), y.rest + y.channel->value(at));
-  };
-  std::vector<std::pair<int, std::pair<double, double>>> axes;  // the mode's controls and their ranges
-  for (size_t k = 0; k < simulation.controls.size(); ++k) {
-    const auto range = mode.ranges.find(simulation.controls[k].id);
-    if (range != mode.ranges.end()) axes.emplace_back(robot.controls[k], range->second);
-  }
-  const auto set = [&](size_t axis, double fraction) {
-    const auto& [lower, upper] = axes[axis].second;
-    p[axes[axis].first] = lower + fraction * (upper - lower);
-  };
-  // All at one end, all at the other; the reach of a robot is often there.
-  for (double end : {1.0, 0.0}) {
-    for (size_t k = 0; k < axes.size(); ++k) set(k, end);
-    visit(p);
-  }
-  const double fastest = axes.empty() ? 1 : period(axes.size() - 1);
-  for (int i = 1; i <= simulation.workspace->samples; ++i) {
-    for (size_t k = 0; k < axes.size(); ++k) {
-      const double turns = i * fastest / (24 * period(k)), wave = turns - std::floor(turns);
-      set(k, std::clamp(1.5 * (wave < 0.5 ? 2 * wave : 2 - 2 * wave) - 0.25, 0.0, 1.0));
-    }
-    visit(p);
-  }
-  const Reach reach = reach_of(result.points, robot.scene.model->mesh().diagonal() / 6);
-  result.outline = reach.outline;
-  result.area = reach.area;
-  return result;
 }
 
 }  // namespace taut

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "sim/robots/robot.hpp"
+#include "sim/solve/equilibrium.hpp"
 
 namespace taut {
 
@@ -72,22 +73,9 @@ SimulationResult simulate(const Simulation& simulation, const Robot& robot, cons
 /// All parameters at rest: gravity and all controls that load or move zero.
 Params at_rest(const Simulation& simulation, const Robot& robot);
 
-/// Places that can be reached in one mode of actuation.
-struct WorkspaceResult {
-  std::string mode;
-  std::vector<Eigen::Vector2d> points;   ///< [m]
-  std::vector<Eigen::Vector2d> outline;  ///< of what they cover, see reach_of() [m]
-  double area = 0;                       ///< of what they cover [m^2]
-  int failures = 0;                      ///< samples without an equilibrium
-  int slips = 0;                         ///< samples that a jump from one path of equilibria to another led to
-};
-
-/// Samples a mode of [workspace]: equilibria at the ends of its ranges and along a curve through them, each from the
-/// last one, so that each is where a robot would get to. Along the curve control k goes to and fro in a time of its
-/// own, in proportion to 1/sqrt of the k-th prime, and dwells at its ends, where the border is made; a sample moves no
-/// control by more than an eighth of its range. What they cover is drawn with a disc of a sixth of the scene's
-/// diagonal.
-WorkspaceResult sample_workspace(const Simulation& simulation, const Robot& robot, const WorkspaceMode& mode,
-                                 const std::atomic<bool>* stop = nullptr);
+/// The solver of a simulation's equilibria, at rest, that looks for slips. `model` has the unknowns and parameters of
+/// the robot's own, which it is as a rule, and outlives it.
+Equilibrium equilibrium_at_rest(const Simulation& simulation, const Robot& robot, const Model& model,
+                                const std::atomic<bool>* stop = nullptr);
 
 }  // namespace taut

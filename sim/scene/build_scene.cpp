@@ -448,6 +448,7 @@ class Assembler {
       built_.smallest_distance = [&contact](const Eigen::VectorXd& u, double horizon) {
         return contact.smallest_distance(u, horizon);
       };
+      if (setup_.contact.friction) builder_.add_contact_friction(contact, *setup_.contact.friction);
     };
     const SurfaceSettings& settings = setup_.contact;
     double diagonal = builder_.mesh().diagonal();

@@ -7,6 +7,7 @@
 #include <stdexcept>
 #include <type_traits>
 
+#include "sim/contact/contact_friction.hpp"
 #include "sim/core/dense.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/numbers.hpp"
@@ -461,6 +462,16 @@ const Contact3d& SceneBuilder::add_contact_3d(double gap, const std::map<std::st
   touches_others_ = !grounds.empty() || mesh_.parts.size() > 1;
   return add_surface<Contact3d>(std::move(settings), gap, pressures, "Pa");
 }
+
+template <class AnyContact>
+void SceneBuilder::add_contact_friction(const AnyContact& contact, double coefficient) {
+  const int mu =
+      declare({"contact_friction", "mu", "1", 0, 10, "coefficient of friction of what touches"}, coefficient);
+  const Params p = Eigen::Map<const Eigen::VectorXd>(values_.data(), static_cast<Eigen::Index>(values_.size()));
+  terms_.push_back(make_contact_friction(contact, mu, p));
+}
+template void SceneBuilder::add_contact_friction(const Contact&, double);
+template void SceneBuilder::add_contact_friction(const Contact3d&, double);
 
 /// Whether cables or studs to something else, or contact, may hold a part.
 bool SceneBuilder::may_be_held(const std::vector<int>& part, int which) const {

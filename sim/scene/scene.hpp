@@ -137,6 +137,9 @@ class SceneBuilder {
   const Contact3d& add_contact_3d(double gap, const std::map<std::string, double>& pressures,
                                   const std::vector<GroundPlane>& grounds = {});
 
+  /// Coulomb friction of such contact. Declares "contact_friction".
+  template <class AnyContact>
+  void add_contact_friction(const AnyContact& contact, double coefficient);
   /// What joints between two parts connect.
   const std::vector<JoinedParts>& joined() const { return joined_; }
 

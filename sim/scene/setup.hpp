@@ -148,9 +148,10 @@ struct GroundSettings {
 /// [contact]: on for push_puppet, elsewhere when the table is there.
 struct SurfaceSettings {
   bool on = false;
-  bool idle = false;       ///< nothing touches: the mesh is made for contact, but none is looked for
-  bool bracketed = false;  ///< a fit says what friction, of which there is none, could change at most
-  bool sticks = false;     ///< a bench's points that touch cannot slide when more load is hung, see Grip
+  bool idle = false;               ///< nothing touches: the mesh is made for contact, but none is looked for
+  bool bracketed = false;          ///< a fit says what friction, of which there is none, could change at most
+  std::optional<double> friction;  ///< coefficient mu, over time and in simulations; none: nothing rubs
+  bool sticks = false;             ///< a bench's points that touch cannot slide when more load is hung, see Grip
   ContactForm form = ContactForm::length_weighted;
   double gap = 0;                          ///< distance at which it sets in [m]; 0: that of the mesh's settings
   std::map<std::string, double> pressure;  ///< region to barrier stiffness [Pa]; missing: from materials and loads
@@ -196,10 +197,10 @@ struct Setup {
   SurfaceSettings contact;
   std::vector<ChannelSettings> channels;
 
-  /// Whether readings depend on when they were taken.
+  /// Whether states depend on those before them.
   bool remembers() const {
-    return std::any_of(materials.begin(), materials.end(),
-                       [](const MaterialSettings& material) { return !material.prony.empty(); });
+    return contact.friction || std::any_of(materials.begin(), materials.end(),
+                                           [](const MaterialSettings& material) { return !material.prony.empty(); });
   }
 
   /// Of the whole body in the model: one half of a solid has a plane of symmetry.

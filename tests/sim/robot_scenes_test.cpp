@@ -8,6 +8,7 @@
 #include "sim/files/simulation.hpp"
 #include "sim/mesh/mesh.hpp"
 #include "sim/robots/simulate.hpp"
+#include "sim/robots/workspace.hpp"
 #include "tests/support/experiment_files.hpp"
 
 // Scenes of several bodies against what is known of them without a simulation.
@@ -238,10 +239,111 @@ TEST(Slips, AVonMisesTrussJumpsAtItsFoldAndSaysSo) {
   EXPECT_EQ(below.result.failure, "");
   EXPECT_TRUE(below.result.slips.empty());
 
-  const WorkspaceResult reach =
-      sample_workspace(truss_run.simulation, truss_run.robot, truss_run.simulation.workspace->modes.front());
-  EXPECT_GT(reach.slips, 0);
-  EXPECT_EQ(sample_workspace(below.simulation, below.robot, below.simulation.workspace->modes.front()).slips, 0);
+  EXPECT_GT(sample_workspaces(truss_run.simulation, truss_run.robot).front().slips, 0);
+  EXPECT_EQ(sample_workspaces(below.simulation, below.robot).front().slips, 0);
+}
+
+// A cantilever between two tendons, which a force may stretch besides.
+const std::string between_tendons = R"(title = "Tendons"
+[simulation]
+integrator = "static"
+duration = "1 s"
+step = "1 s"
+thickness = "10 mm"
+gravity = "9.81 m/s2"
+direction = [1, 0]
+[materials.rubber]
+law = "neo_hookean"
+E = "100 kPa"
+nu = 0.3
+density = "1000 kg/m3"
+[[body]]
+name = "beam"
+geometry = { kind = "rectangle", size = ["60 mm", "10 mm"], region = "rubber" }
+mesh = { cells = [12, 2] }
+clamped = ["xmin"]
+[[control]]
+id = "upper"
+start = "0 N"
+[[control]]
+id = "lower"
+start = "0 N"
+[[control]]
+id = "pull"
+start = "0 N"
+[[cable]]
+id = "upper_tendon"
+body = "beam"
+x = ["0 mm", "60 mm"]
+y = ["9 mm", "9 mm"]
+tension = "upper"
+[[cable]]
+id = "lower_tendon"
+body = "beam"
+x = ["0 mm", "60 mm"]
+y = ["1 mm", "1 mm"]
+tension = "lower"
+[[load]]
+id = "dead"
+on = "beam.xmax"
+direction = [1, 0]
+control = "pull"
+[[channel]]
+id = "x"
+kind = "position"
+of = "beam.xmax"
+direction = [1, 0]
+[[channel]]
+id = "y"
+kind = "position"
+of = "beam.xmax"
+direction = [0, 1]
+[workspace]
+x = "x"
+y = "y"
+samples = 60
+[[workspace.mode]]
+name = "soft"
+upper = ["0 N", "50 mN"]
+lower = ["0 N", "50 mN"]
+[[workspace.mode]]
+name = "pulled"
+upper = ["0 N", "50 mN"]
+lower = ["0 N", "50 mN"]
+pull = ["-20 mN", "0.2 N"]
+)";
+
+TEST(Workspaces, OfASymmetricSceneAreSymmetricAndHoldThoseOfModesWithin) {
+  const TemporaryFolder folder;
+  const auto reach = [&](const std::string& toml) {
+    const Simulation simulation = read_simulation(folder.write("experiment.toml", toml));
+    return sample_workspaces(simulation, make_robot(simulation));
+  };
+  const std::vector<WorkspaceResult> spaces = reach(between_tendons);
+  ASSERT_EQ(spaces.size(), 2u);
+  for (const WorkspaceResult& space : spaces) {
+    EXPECT_EQ(space.mirrored, 1);
+    EXPECT_EQ(space.samples, 62);
+    EXPECT_EQ(space.failures, 0);
+    double above = 0, below = 0;
+    for (const Eigen::Vector2d& point : space.points) {
+      above = std::max(above, point[1] - 5e-3);
+      below = std::max(below, 5e-3 - point[1]);
+    }
+    EXPECT_NEAR(above, below, 1e-12);
+    EXPECT_GT(above, 3e-3);
+    EXPECT_GT(space.area_error, 0);
+    EXPECT_LT(space.area_error, space.area);
+  }
+  EXPECT_TRUE(spaces[0].holds.empty());
+  EXPECT_EQ(spaces[1].holds, std::vector<std::string>{"soft"});
+  EXPECT_EQ(spaces[1].points.size(), 4u * 62u);
+  EXPECT_GE(spaces[1].area, spaces[0].area);
+
+  // Weight across the axis leaves no symmetry.
+  EXPECT_EQ(
+      reach(replaced(between_tendons, "direction = [1, 0]\n[materials", "direction = [0, -1]\n[materials"))[0].mirrored,
+      -1);
 }
 
 // A cantilever over which a block is thrown, and a block that hangs from the world by two cables.

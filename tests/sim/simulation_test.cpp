@@ -9,6 +9,7 @@
 #include <numeric>
 
 #include "sim/robots/simulate.hpp"
+#include "sim/robots/workspace.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/small_robot.hpp"
@@ -617,7 +618,7 @@ b = ["2 N", "1 N"]
   const TemporaryFolder folder;
   const Simulation simulation = read_simulation(folder.write("experiment.toml", toml));
   const Robot robot = make_robot(simulation);
-  const WorkspaceResult result = sample_workspace(simulation, robot, simulation.workspace->modes.front());
+  const WorkspaceResult result = sample_workspaces(simulation, robot).front();
   EXPECT_EQ(result.failures, 0);
   ASSERT_EQ(result.points.size(), 482u);
   const Eigen::Vector2d upper = result.points[0], lower = result.points[1];

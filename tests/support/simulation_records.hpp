@@ -72,13 +72,14 @@ inline SimulationRecord bending_beam(int frames = 21) {
   record.plots = {{"path", "Path of the tip", "tip_x", {"tip_y"}},
                   {"pull", "What the cable does", "", {"tension_upper", "tip_angle"}}};
   for (int mode = 0; mode < 2; ++mode) {
-    SimulationRecord::Workspace space{mode == 0 ? "one cable" : "both cables", {}, 0, {}};
+    SimulationRecord::Workspace space{mode == 0 ? "one cable" : "both cables", {}, 0, 0, {}};
     for (int i = 0; i < 200; ++i) {
       const double phi = 0.01 * i * std::numbers::pi, r = (mode == 0 ? 0.008 : 0.014) * (i % 5 + 1) / 5.0;
       space.points.emplace_back(0.05 + r * std::cos(phi), 0.03 + 0.8 * r * std::sin(phi));
       if (i % 5 == 4) space.outline.push_back(space.points.back());
     }
     space.area = std::numbers::pi * 0.8 * std::pow(mode == 0 ? 0.008 : 0.014, 2);
+    space.area_error = 0.05 * space.area;
     record.workspaces.push_back(space);
   }
   record.facts = {{"Integrator", "implicit Euler, 41 steps of 25 ms"}, {"Time", "0.8 s on one core"}};
