@@ -80,6 +80,7 @@ void read_body(TableReader& table, Simulation& simulation) {
   if (!simulation.bodies.empty() && simulation.bodies[0].mesh.formulation != body.mesh.formulation)
     table.fail("mesh", "all bodies have one formulation, since they may share materials; give them the same");
   body.at = table.has("at") ? table.quantities("at", Quantity::length, d) : std::vector<double>(d, 0.0);
+  if (table.has("mirror")) body.mirrored = component_of(table, "mirror", table.text("mirror"), simulation.dimension);
   body.angle = table.optional_quantity("turned", Quantity::angle).value_or(0);
   if (d == 3 && table.has("turn")) body.turn = table.quantities("turn", Quantity::angle, 3);
   if (table.has("velocity")) body.velocity = table.quantities("velocity", Quantity::speed, d);

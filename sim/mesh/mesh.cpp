@@ -264,6 +264,10 @@ Mesh merge(const std::vector<std::pair<std::string, Mesh>>& parts) {
 void place(Mesh& mesh, const Eigen::MatrixXd& rotation, const Eigen::VectorXd& shift) {
   const int d = mesh.dimension();
   for (int i = 0; i < mesh.node_count(); ++i) mesh.X.segment(i * d, d) = rotation * mesh.node(i) + shift;
+  if (rotation.determinant() > 0) return;
+  for (int e = 0; e < mesh.element_count(); ++e)
+    flip_element(mesh.shape, mesh.elements.data() + static_cast<size_t>(e) * mesh.nodes_per_element());
+  orient_tags(mesh, "a mirrored mesh");
 }
 
 void Mesh::check(std::string_view where) const {

@@ -113,7 +113,7 @@ bool lies_in(const Part& part, const Mesh& mesh, const Eigen::VectorXd& point);
 /// twice.
 Mesh merge(const std::vector<std::pair<std::string, Mesh>>& parts);
 
-/// Moves a mesh: x = rotation X + shift [m], a square matrix of the mesh's dimension.
+/// Moves a mesh: x = rotation X + shift [m], an orthogonal matrix of the mesh's dimension; it may mirror.
 void place(Mesh& mesh, const Eigen::MatrixXd& rotation, const Eigen::VectorXd& shift);
 
 }  // namespace taut

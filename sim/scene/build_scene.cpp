@@ -39,7 +39,7 @@ Mesh make_whole(const Setup& setup) {
       MeshSettings settings = body.mesh;
       if (settings.contact_gap == 0) settings.contact_gap = setup.contact.gap;
       Mesh mesh = make_mesh(body.geometry, settings, setup.contact.on, setup.contact.compensate);
-      if (!body.at.empty() || body.angle != 0 || !body.turn.empty()) {
+      if (!body.at.empty() || body.mirrored >= 0 || body.angle != 0 || !body.turn.empty()) {
         const int d = mesh.dimension();
         place(mesh, rotation_of(body, d), body.at.empty() ? Eigen::VectorXd::Zero(d).eval() : vector_of(body.at));
       }

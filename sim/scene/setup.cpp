@@ -9,11 +9,13 @@
 namespace taut {
 
 Eigen::MatrixXd rotation_of(const BodySettings& body, int dimension) {
-  if (dimension == 2) return Eigen::Rotation2Dd(body.angle).toRotationMatrix();
+  Eigen::VectorXd signs = Eigen::VectorXd::Ones(dimension);
+  if (body.mirrored >= 0) signs[body.mirrored] = -1;
+  if (dimension == 2) return Eigen::Rotation2Dd(body.angle).toRotationMatrix() * signs.asDiagonal();
   Eigen::Matrix3d rotation = Eigen::AngleAxisd(body.angle, Eigen::Vector3d::UnitZ()).toRotationMatrix();
   for (size_t axis = 0; axis < body.turn.size(); ++axis)
     rotation = Eigen::AngleAxisd(body.turn[axis], Eigen::Vector3d::Unit(static_cast<Eigen::Index>(axis))) * rotation;
-  return rotation;
+  return rotation * signs.asDiagonal();
 }
 
 Eigen::VectorXd placed(const BodySettings& body, const Eigen::VectorXd& point) {

@@ -23,6 +23,7 @@ struct BodySettings {
   GeometrySettings geometry;
   MeshSettings mesh;
   std::vector<double> at;        ///< [m]; empty: where its geometry is
+  int mirrored = -1;             ///< the coordinate of its own that changes sign, before all else; -1: none
   double angle = 0;              ///< about z, counter-clockwise, before it is put there [rad]
   std::vector<double> turn;      ///< in 3D, after that: about x, then y, then z, all fixed in space [rad]; empty: none
   std::vector<double> velocity;  ///< at the start [m/s]; empty: none
@@ -207,7 +208,7 @@ struct Setup {
   double share() const { return bodies.front().mesh.depth_cells > 0 ? 0.5 : 1.0; }
 };
 
-/// The rotation by which a body is turned before it is shifted, a square matrix.
+/// How a body is mirrored and turned before it is shifted, an orthogonal matrix.
 Eigen::MatrixXd rotation_of(const BodySettings& body, int dimension);
 /// A point of a body's own frame in the world at rest [m].
 Eigen::VectorXd placed(const BodySettings& body, const Eigen::VectorXd& point);

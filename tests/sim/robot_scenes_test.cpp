@@ -346,6 +346,90 @@ TEST(Workspaces, OfASymmetricSceneAreSymmetricAndHoldThoseOfModesWithin) {
       -1);
 }
 
+// Two fingers in the plane, the second one the mirror image of the first in the line x = 0.
+const std::string fingers = R"(title = "Fingers"
+[simulation]
+integrator = "static"
+duration = "1 s"
+step = "0.5 s"
+thickness = "20 mm"
+[materials.foam]
+law = "neo_hookean"
+E = "60 kPa"
+nu = 0.2
+[materials.plastic]
+law = "neo_hookean"
+E = "1 GPa"
+nu = 0.35
+[[body]]
+name = "left"
+geometry = { kind = "finger", segments = 3 }
+mesh = { size = "4 mm", element = "linear" }
+at = ["-80 mm", "0 mm"]
+turned = "-60 deg"
+clamped = ["base"]
+[[body]]
+name = "right"
+geometry = { kind = "finger", segments = 3 }
+mesh = { size = "4 mm", element = "linear" }
+mirror = "x"
+at = ["80 mm", "0 mm"]
+turned = "60 deg"
+clamped = ["base"]
+[[control]]
+id = "pull"
+start = "0 mm"
+[[control.piece]]
+until = "1 s"
+kind = "linear"
+to = "3 mm"
+[[cable]]
+id = "left_tendon"
+body = "left"
+path = "cable"
+anchored = true
+k = "17 N/mm"
+retraction = "pull"
+[[cable]]
+id = "right_tendon"
+body = "right"
+path = "cable"
+anchored = true
+k = "17 N/mm"
+retraction = "pull"
+[contact]
+gap = "20 um"
+)";
+
+TEST(MirroredBodies, MoveAsTheirMirrorImagesDo) {
+  const TemporaryFolder folder;
+  std::string toml = fingers;
+  for (const std::string body : {"left", "right"}) {
+    for (const auto& [id, direction] : {std::pair("x", "[1, 0]"), std::pair("y", "[0, 1]")})
+      toml += fmt::format("[[channel]]\nid = \"{0}_{1}\"\nkind = \"position\"\nof = \"{0}.tip\"\ndirection = {2}\n",
+                          body, id, direction);
+  }
+  const Scenario run(toml);
+  ASSERT_EQ(run.result.failure, "");
+  run.mesh().check("mirrored");
+  const Part &left = run.mesh().part("left"), &right = run.mesh().part("right");
+  ASSERT_EQ(left.node_count, right.node_count);
+  for (int i = 0; i < left.node_count; ++i) {
+    const Eigen::Vector2d here = run.mesh().node(left.first_node + i), there = run.mesh().node(right.first_node + i);
+    EXPECT_NEAR(here[0], -there[0], 1e-15);
+    EXPECT_NEAR(here[1], there[1], 1e-15);
+  }
+  for (size_t k = 0; k < run.result.times.size(); ++k) {
+    EXPECT_NEAR(run.channel("left_x")[k], -run.channel("right_x")[k], 1e-9);
+    EXPECT_NEAR(run.channel("left_y")[k], run.channel("right_y")[k], 1e-9);
+  }
+  EXPECT_GT((Eigen::Vector2d(run.channel("left_x").back(), run.channel("left_y").back()) -
+             Eigen::Vector2d(run.channel("left_x")[0], run.channel("left_y")[0]))
+                .norm(),
+            2e-3)
+      << "they bend";
+}
+
 // A cantilever over which a block is thrown, and a block that hangs from the world by two cables.
 const std::string sag_and_fall = R"(title = "A cantilever sags, a block falls"
 [simulation]
