@@ -230,8 +230,8 @@ TEST_F(SimulationFiles, TheReportHoldsEveryFigureAndLoadsNothing) {
 TEST_F(SimulationFiles, WorkspacesAreNamedWithTheirAreas) {
   // pi 0.8 (8 mm)^2 and pi 0.8 (14 mm)^2
   const std::string svg = text("plane/figures/workspaces.svg");
-  EXPECT_NE(svg.find("one cable: 1.61 cm²"), std::string::npos);
-  EXPECT_NE(svg.find("both cables: 4.93 cm²"), std::string::npos);
+  EXPECT_NE(svg.find("one cable: 1.61 ± 0.08 cm²"), std::string::npos);
+  EXPECT_NE(svg.find("both cables: 4.93 ± 0.25 cm²"), std::string::npos);
   EXPECT_EQ(count("plane/figures/workspaces.csv", "both cables,outline,"), 40u);
 }
 
