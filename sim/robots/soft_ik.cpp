@@ -481,6 +481,11 @@ void SoftIk::forget() {
   lost_ = false;
 }
 
+void SoftIk::start_at(const Eigen::VectorXd& u, const Params& p) {
+  equilibrium_.start_at(u, p);
+  at_rest_ = lost_ = false;
+}
+
 Eigen::VectorXd SoftIk::from_range(const Eigen::VectorXd& q) const {
   return lower_ + range_.cwiseProduct(q.cwiseMax(0.0).cwiseMin(1.0));
 }

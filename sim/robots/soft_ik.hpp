@@ -111,6 +111,8 @@ class SoftIk {
   const Equilibrium& equilibrium() const { return equilibrium_; }
   /// Forgets the past: the next solve starts at rest.
   void forget();
+  /// The next solve starts at this equilibrium, of another search on the same scene.
+  void start_at(const Eigen::VectorXd& u, const Params& p);
 
  private:
   class Search;
