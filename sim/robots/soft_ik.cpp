@@ -22,6 +22,7 @@ constexpr double nominal_pull = 1e-8;      ///< weight of the distance to the no
 constexpr double worthwhile_error = 0.01;  ///< what a step has to take off the errors
 constexpr double worthwhile_gain = 2e-4;   ///< what a step has to take off the squared distance to the nominal controls
 constexpr double longest_trial = 0.25;     ///< what a step changes a control by at most
+constexpr double shortest_trial = 1e-3;    ///< the length of a step that is not worth to be shortened
 constexpr double same_end = 0.1;           ///< a search that comes so near to where another ended is going there
 constexpr double slope_step = 1e-4;        ///< half the way between two Hessians whose difference is a slope
 
@@ -314,6 +315,9 @@ class SoftIk::Search {
       if (tried) blocked = !go_on(now, step, trial);
       const double ratio = tried && !blocked ? (cost(now) - cost(trial)) / promised : -1.0;
       if (!(ratio > 1e-3 || (tried && !blocked && within(trial)))) {
+        // Where not even the shortest steps do what the slopes say, as at the kink of a cable that goes slack, it ends.
+        settled_ = tried && now.exact && step.norm() < shortest_trial;
+        if (settled_) return true;
         if (!now.exact && !renew(now)) return false;
         damping.raise();
         continue;
