@@ -20,7 +20,7 @@ namespace {
 constexpr double awake_effect = 0.01;      ///< of a whole range: what has less on the errors counts as slack
 constexpr double nominal_pull = 1e-8;      ///< weight of the distance to the nominal controls over the largest slope's
 constexpr double worthwhile_error = 0.01;  ///< what a step has to take off the errors
-constexpr double worthwhile_gain = 2e-4;   ///< what a step has to take off the squared distance to the nominal controls
+constexpr double worthwhile_gain = 1e-4;   ///< what a step has to take off the squared distance to the nominal controls
 constexpr double longest_trial = 0.25;     ///< what a step changes a control by at most
 constexpr double shortest_trial = 1e-3;    ///< the length of a step that is not worth to be shortened
 constexpr double same_end = 0.1;           ///< a search that comes so near to where another ended is going there
@@ -76,8 +76,9 @@ struct Iterate {
   Eigen::VectorXd q, u, e;
   Params p;
   Eigen::MatrixXd J;
-  bool fresh = false;  ///< the Hessian was factorised near it
-  bool exact = false;  ///< J is by that factor
+  bool fresh = false;   ///< the Hessian was factorised near it
+  bool linear = false;  ///< J is by that factor
+  bool exact = false;   ///< and that is of this very state
 };
 
 /// What is minimised near a point: |e|^2/2 + pull |q - nominal|^2/2 with errors e and their Jacobian J, and what S
@@ -221,8 +222,8 @@ class SoftIk::Search {
     to.u = ik_.equilibrium_.u();
     to.p = ik_.equilibrium_.p();
     to.e = errors();
-    to.fresh = ik_.factorisations_ > before;
-    to.exact = false;
+    to.fresh = stiffness_ || ik_.factorisations_ > before;
+    to.linear = to.exact = false;
     return true;
   }
 
@@ -235,13 +236,13 @@ class SoftIk::Search {
     return move(q, at);
   }
 
-  /// Searches from other points (nominal, mirrored, middle), together at most three times as long as the first search
+  /// Searches from other points (nominal, mirrored, middle), together at most twice as long as the first search
   /// took, in factorisations.
   void restart(const Eigen::VectorXd& start, const Eigen::VectorXd& u, const Params& p) {
     const Eigen::VectorXd first = best_.q.size() > 0 ? best_.q : start;
     const Eigen::VectorXd others[] = {nominal_, Eigen::VectorXd::Ones(controls()) - first,
                                       Eigen::VectorXd::Constant(controls(), 0.5)};
-    if (best_.q.size() > 0) most_ = 4 * ik_.factorisations_;
+    if (best_.q.size() > 0) most_ = 3 * ik_.factorisations_;
     for (int k = 0; k < std::min(3, ik_.options_.restarts) && !best_.reached && !tired(); ++k) {
       if (others[k] == start) continue;
       ik_.equilibrium_.start_at(u, p);
@@ -322,7 +323,7 @@ class SoftIk::Search {
         damping.raise();
         continue;
       }
-      if (now.exact && trial.exact)
+      if (now.linear && trial.linear)
         learn((trial.J - now.J).transpose() * (now.e + now.J * undamped), trial.q - now.q, S);
       damping.lower(ratio);
       now = trial;
@@ -343,10 +344,13 @@ class SoftIk::Search {
       trial.J = now.J + (trial.e - now.e - now.J * moved) * moved.transpose() / moved.squaredNorm();
     return true;
   }
-  /// Goes back and takes the Jacobian anew, by the factor.
+  /// Goes back and takes the Jacobian anew, by the factor there.
   bool renew(Iterate& now) {
-    if (!settle(now)) return false;
+    ik_.equilibrium_.start_at(now.u, now.p);
+    if (!ik_.equilibrium_.refactorise()) return false;
+    ++ik_.factorisations_;
     linearise(now);
+    now.exact = true;
     return true;
   }
 
@@ -401,7 +405,7 @@ class SoftIk::Search {
                                                     slope_step * ik_.range_)
                                    .cwiseProduct(ik_.range_.transpose()) /
                                ik_.options_.stiffness_tolerance;
-    at.exact = true;
+    at.linear = true;
   }
 
   double stiffness() const { return stiffness_along(ik_.equilibrium_, ik_.options_.stiffness_direction); }
@@ -555,6 +559,9 @@ IkResult SoftIk::solve(const Eigen::VectorXd& targets, std::optional<double> sti
         fmt::format("a stiffness of {:.6g} N/m is no target; it must be positive, and the options must "
                     "name its direction",
                     *stiffness));
+  if (stiffness && std::ranges::any_of(scene_->model->bodies(), &Body::rigid))
+    throw InputError(
+        "a stiffness is no target where segments are rigid; set model = \"full\", or ask for places alone");
   const Stopwatch stopwatch;
   solves_ = factorisations_ = 0;
   IkResult result = Search(*this, targets, stiffness).run();

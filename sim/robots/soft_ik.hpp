@@ -104,7 +104,8 @@ class SoftIk {
   SoftIk(const Scene& scene, std::vector<IkChannel> channels, std::vector<IkControl> controls, IkOptions options = {});
 
   /// `targets`: one per channel, SI. `stiffness` [N/m], if it is to be met as well. Throws InputError for the wrong
-  /// number of targets, numbers that are not finite, or a stiffness that is not positive or without a direction.
+  /// number of targets, numbers that are not finite, or a stiffness that is not positive, without a direction, or of a
+  /// model with rigid bodies.
   IkResult solve(const Eigen::VectorXd& targets, std::optional<double> stiffness = {});
 
   /// The state at the end of the last solve; at rest before the first one.
