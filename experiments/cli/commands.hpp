@@ -26,6 +26,7 @@ struct CommandOptions {
   std::string target;                      ///< experiment file or run folder
   std::string out;                         ///< run folder, "" for runs/<experiment>
   std::string name;                        ///< ik: the target that is meant, "" for all; chart: which one
+  bool stream = false;                     ///< ik: targets from stdin
   std::string rows;                        ///< predict: CSV file of new loads
   double budget = 300;                     ///< chart: time that its simulations may take [s]
   std::map<std::string, std::string> set;  ///< replay: parameter values that replace the nominal ones

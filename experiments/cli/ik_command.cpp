@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "calib/data/files.hpp"
+#include "experiments/cli/ik_stream.hpp"
 #include "experiments/cli/print.hpp"
 #include "experiments/cli/progress.hpp"
 #include "experiments/cli/simulate_command.hpp"
@@ -32,10 +33,6 @@ struct Solved {
 /// A path's points are numbered.
 std::string label_of(const Solved& solved, size_t k) {
   return solved.answers.size() == 1 ? solved.target->name : fmt::format("{} {}", solved.target->name, k + 1);
-}
-
-std::string unit_of(const ControlSettings& control) {
-  return units_of(control.quantity).front();
 }
 
 /// "11.36 mm", "-35.5 deg".
@@ -95,30 +92,7 @@ nlohmann::ordered_json json_of(const Simulation& simulation, const Robot& robot,
   nlohmann::ordered_json out;
   out["name"] = solved.target->name;
   if (is_path(solved)) out["targets_per_second"] = rate_of(solved);
-  for (const IkAnswer& answer : solved.answers) {
-    const IkResult& result = answer.result;
-    nlohmann::ordered_json one;
-    one["status"] = name_of(result.status);
-    one["message"] = result.message;
-    for (size_t j = 0; j < answer.free.size() && result.controls.size() > 0; ++j) {
-      one["controls"][simulation.controls[answer.free[j]].id] = {
-          {"value", result.controls[static_cast<Eigen::Index>(j)]},
-          {"unit", unit_of(simulation.controls[answer.free[j]])},
-          {"bound", result.bound[j]}};
-    }
-    for (size_t i = 0; i < answer.achieved.size(); ++i) {
-      one["channels"][answer.channels[i]] = {{"wanted", answer.wanted[i]},
-                                             {"achieved", answer.achieved[i]},
-                                             {"unit", robot.reading(answer.channels[i]).unit}};
-    }
-    if (answer.u.size() > 0) one["error_m"] = result.error;
-    if (result.stiffness > 0) one["stiffness_N_per_m"] = result.stiffness;
-    one["iterations"] = result.iterations;
-    one["equilibria"] = result.solves;
-    one["factorisations"] = result.factorisations;
-    one["seconds"] = result.seconds;
-    out["points"].push_back(one);
-  }
+  for (const IkAnswer& answer : solved.answers) out["points"].push_back(json_of(simulation, robot, answer));
   return out;
 }
 
@@ -210,6 +184,7 @@ int ik_main(const CommandOptions& options) {
   if (!is_simulation(options.target)) refuse(options, "there is no [simulation]; `taut ik` is for robots");
   const Simulation simulation = read_simulation(options.target);
   const std::vector<const IkTarget*> targets = targets_of(options, simulation);
+  if (options.stream) return stream_targets(simulation, options);
   Progress progress(options.quiet);
   const Robot robot = make_robot(simulation);
   RunFolder folder(ik_folder(options), RunFolder::Kind::simulation);
@@ -247,6 +222,8 @@ int ik_main(const CommandOptions& options) {
 void add_ik_options(AddOption add, CommandOptions& options) {
   add_out(add, options);
   add("target", boost::program_options::value(&options.name)->value_name("NAME"), "this target or path alone");
+  add("stream", boost::program_options::bool_switch(&options.stream),
+      "targets from stdin, a JSON object a line, answers on stdout; no folder is written");
 }
 
 }  // namespace
@@ -256,7 +233,8 @@ Command ik_command() {
           "SIMULATION",
           "Finds the controls that bring a robot to the targets of its file, within their bounds.",
           "  taut ik experiments/arm/experiment.toml\n"
-          "  taut ik experiments/arm/experiment.toml --target circle --json\n",
+          "  taut ik experiments/arm/experiment.toml --target circle --json\n"
+          "  echo '{\"tip_x\": \"170 mm\", \"tip_y\": 0.06}' | taut ik experiments/arm/experiment.toml --stream\n",
           add_ik_options,
           ik_main};
 }

@@ -8,6 +8,7 @@
 #include "sim/core/error.hpp"
 #include "sim/files/geometry_file.hpp"
 #include "sim/files/tables.hpp"
+#include "sim/robots/robot_ik.hpp"
 #include "sim/scene/channel_kinds.hpp"
 
 namespace taut {
@@ -268,13 +269,12 @@ IkTarget read_ik_target(TableReader& one, const Simulation& simulation, const Ik
   IkTarget target;
   target.name = one.text("name");
   for (const ChannelSettings& channel : simulation.channels) {
-    const bool place = channel.kind->on == ChannelKind::On::place, angle = channel.kind->unit == "rad";
-    if (!place && !angle) continue;
-    const Quantity quantity = angle ? Quantity::angle : Quantity::length;
+    const std::optional<Quantity> quantity = target_quantity(channel);
+    if (!quantity) continue;
     if (one.has(channel.id))
       target.values[channel.id] =
-          path ? one.quantities(channel.id, quantity, 0) : std::vector<double>{one.quantity(channel.id, quantity)};
-    if (!place) continue;
+          path ? one.quantities(channel.id, *quantity, 0) : std::vector<double>{one.quantity(channel.id, *quantity)};
+    if (quantity != Quantity::length) continue;
     const std::string key = "stiffness_" + channel.id;
     if (const auto value = one.optional_positive(key, Quantity::stiffness, "stiffness")) {
       if (!target.stiffness_of.empty()) one.fail(key, "one stiffness per target is allowed; leave the other one out");

@@ -3,77 +3,96 @@
 #include <algorithm>
 
 #include "sim/robots/simulate.hpp"
+#include "sim/scene/channel_kinds.hpp"
 
 namespace taut {
 namespace {
 
-/// A target as SoftIk understands it.
-struct Problem {
-  IkAnswer blank;  ///< what all answers have in common
-  std::vector<IkChannel> channels;
-  std::vector<double> rest;  ///< added to each channel's value
-  std::vector<IkControl> controls;
-  IkOptions options;
-};
-
-/// Controls are free within their ranges, or held.
-void add_controls(const Simulation& simulation, const Robot& robot, const IkTarget& target, Problem& problem) {
-  for (const IkRange& range : simulation.ik->controls) {
-    const auto found = std::ranges::find(simulation.controls, range.id, &ControlSettings::id);
-    const auto place = static_cast<size_t>(found - simulation.controls.begin());
-    const auto held = target.hold.find(range.id);
-    if (held != target.hold.end()) {
-      problem.options.held[robot.controls[place]] = held->second;
-      continue;
-    }
-    problem.controls.push_back({robot.controls[place], range.lower, range.upper, range.nominal});
-    problem.blank.free.push_back(place);
-  }
-}
-
-Problem problem_of(const Simulation& simulation, const Robot& robot, const IkTarget& target,
-                   const std::atomic<bool>* stop) {
-  Problem problem;
-  IkOptions& options = problem.options;
-  options.tolerance = simulation.ik->tolerance;
-  options.equilibrium = simulation.equilibrium;
-  options.equilibrium.stop = stop;
-  options.held = robot.at(simulation, 0);
-  options.rest = at_rest(simulation, robot);
-  add_controls(simulation, robot, target, problem);
-  for (const auto& [id, values] : target.values) {
-    const SceneReading& reading = robot.reading(id);
-    problem.channels.push_back({{std::shared_ptr<void>(), reading.channel.get()}});  // the robot keeps it
-    problem.rest.push_back(reading.rest);
-    problem.blank.channels.push_back(id);
-  }
-  if (!target.stiffness_of.empty()) {
-    const Eigen::VectorXd anywhere = Eigen::VectorXd::Zero(robot.scene.model->unknowns());  // places are linear in u
-    options.stiffness_direction = robot.reading(target.stiffness_of).channel->gradient({anywhere, options.rest});
-  }
-  return problem;
+std::vector<std::string> channels_of(const IkTarget& target) {
+  std::vector<std::string> ids;
+  for (const auto& [id, values] : target.values) ids.push_back(id);
+  return ids;
 }
 
 }  // namespace
 
+std::optional<Quantity> target_quantity(const ChannelSettings& channel) {
+  if (channel.kind->on == ChannelKind::On::place) return Quantity::length;
+  if (channel.kind->unit == "rad") return Quantity::angle;
+  return std::nullopt;
+}
+
+RobotIk::RobotIk(const Simulation& simulation, const Robot& robot, const std::atomic<bool>* stop)
+    : simulation_(&simulation), robot_(&robot), stop_(stop) {}
+
+/// A search for targets of one kind, from where the last one ended. Controls are free within their ranges, or held.
+void RobotIk::ask_for(const IkTarget& target) {
+  const Simulation& simulation = *simulation_;
+  const Robot& robot = *robot_;
+  hold_ = target.hold;
+  stiffness_of_ = target.stiffness_of;
+  blank_ = {};
+  blank_.channels = channels_of(target);
+  rest_.clear();
+  IkOptions options;
+  options.tolerance = simulation.ik->tolerance;
+  options.equilibrium = simulation.equilibrium;
+  options.equilibrium.stop = stop_;
+  options.held = robot.at(simulation, 0);
+  options.rest = at_rest(simulation, robot);
+  std::vector<IkControl> controls;
+  for (const IkRange& range : simulation.ik->controls) {
+    const auto found = std::ranges::find(simulation.controls, range.id, &ControlSettings::id);
+    const auto place = static_cast<size_t>(found - simulation.controls.begin());
+    const auto held = hold_.find(range.id);
+    if (held != hold_.end()) {
+      options.held[robot.controls[place]] = held->second;
+      continue;
+    }
+    controls.push_back({robot.controls[place], range.lower, range.upper, range.nominal});
+    blank_.free.push_back(place);
+  }
+  std::vector<IkChannel> channels;
+  for (const std::string& id : blank_.channels) {
+    const SceneReading& reading = robot.reading(id);
+    channels.push_back({{std::shared_ptr<void>(), reading.channel.get()}});  // the robot keeps it
+    rest_.push_back(reading.rest);
+  }
+  if (!stiffness_of_.empty()) {
+    const Eigen::VectorXd anywhere = Eigen::VectorXd::Zero(robot.scene.model->unknowns());  // places are linear in u
+    options.stiffness_direction = robot.reading(stiffness_of_).channel->gradient({anywhere, options.rest});
+  }
+  const std::unique_ptr<SoftIk> last = std::move(ik_);
+  ik_ = std::make_unique<SoftIk>(robot.scene, channels, controls, options);
+  if (last) ik_->start_at(last->equilibrium().u(), last->equilibrium().p());
+}
+
+IkAnswer RobotIk::solve(const IkTarget& target, size_t point) {
+  const bool same =
+      hold_ == target.hold && stiffness_of_ == target.stiffness_of && blank_.channels == channels_of(target);
+  if (!ik_ || !same) ask_for(target);
+  IkAnswer answer = blank_;
+  for (const std::string& id : answer.channels) answer.wanted.push_back(target.values.at(id)[point]);
+  const Eigen::VectorXd rest = vector_of(rest_);
+  answer.result = ik_->solve(vector_of(answer.wanted) - rest,
+                             stiffness_of_.empty() ? std::nullopt : std::optional(target.stiffness));
+  if (answer.result.controls.size() == 0) {
+    ik_.reset();
+    return answer;
+  }
+  const Eigen::VectorXd places = rest + answer.result.achieved;
+  answer.achieved.assign(places.begin(), places.end());
+  answer.u = ik_->equilibrium().u();
+  answer.p = ik_->equilibrium().p();
+  return answer;
+}
+
 std::vector<IkAnswer> solve_target(const Simulation& simulation, const Robot& robot, const IkTarget& target,
                                    const std::atomic<bool>* stop) {
-  const Problem problem = problem_of(simulation, robot, target, stop);
-  SoftIk ik(robot.scene, problem.channels, problem.controls, problem.options);
-  const auto stiffness = target.stiffness_of.empty() ? std::nullopt : std::optional(target.stiffness);
+  RobotIk ik(simulation, robot, stop);
   std::vector<IkAnswer> answers;
   const size_t points = target.values.begin()->second.size();
-  for (size_t k = 0; k < points && !(stop != nullptr && stop->load()); ++k) {
-    IkAnswer& answer = answers.emplace_back(problem.blank);
-    for (const std::string& id : answer.channels) answer.wanted.push_back(target.values.at(id)[k]);
-    const Eigen::VectorXd rest = vector_of(problem.rest);
-    answer.result = ik.solve(vector_of(answer.wanted) - rest, stiffness);
-    if (answer.result.controls.size() == 0) continue;
-    const Eigen::VectorXd places = rest + answer.result.achieved;
-    answer.achieved.assign(places.begin(), places.end());
-    answer.u = ik.equilibrium().u();
-    answer.p = ik.equilibrium().p();
-  }
+  for (size_t k = 0; k < points && !(stop != nullptr && stop->load()); ++k) answers.push_back(ik.solve(target, k));
   return answers;
 }
 

@@ -1,8 +1,12 @@
 #pragma once
 #include <atomic>
+#include <map>
+#include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "sim/core/units.hpp"
 #include "sim/robots/robot.hpp"
 #include "sim/robots/soft_ik.hpp"
 
@@ -18,9 +22,35 @@ struct IkAnswer {
   Params p;
 };
 
-/// Finds controls for a target by SoftIk, statically: without inertia, with contact. From rest the held controls go to
-/// their values first, the others staying nominal. The points of a path are then followed, each from the last one.
-/// Errors of angles count as 1 m per radian. Ends early when `stop` is raised.
+/// What the values of a target are on a channel: a length for a place, an angle; nullopt: it cannot have one.
+std::optional<Quantity> target_quantity(const ChannelSettings& channel);
+
+/// Finds controls for one target after another by SoftIk, statically: without inertia, with contact; what drives a
+/// robot along targets that come as it goes. The first one starts at rest, where held controls go to their values
+/// first, the others staying nominal; each further one at the answer before it, whatever is held or asked for. After an
+/// answer without a state the next one starts at rest again. Errors of angles count as 1 m per radian.
+class RobotIk {
+ public:
+  /// For a simulation with [ik]; it, the robot and `stop`, which ends a search early, have to outlive this.
+  RobotIk(const Simulation& simulation, const Robot& robot, const std::atomic<bool>* stop = nullptr);
+
+  /// For a target, or for one `point` of a path. Ids of channels and controls are there, and one control is free.
+  IkAnswer solve(const IkTarget& target, size_t point = 0);
+
+ private:
+  void ask_for(const IkTarget& target);
+
+  const Simulation* simulation_;
+  const Robot* robot_;
+  const std::atomic<bool>* stop_;
+  std::unique_ptr<SoftIk> ik_;  ///< for targets of the kind below
+  std::map<std::string, double> hold_;
+  std::string stiffness_of_;
+  IkAnswer blank_;            ///< what all their answers have in common
+  std::vector<double> rest_;  ///< added to the value of each channel
+};
+
+/// All points of a target or path of [ik], from rest, each from the last one. Ends early when `stop` is raised.
 std::vector<IkAnswer> solve_target(const Simulation& simulation, const Robot& robot, const IkTarget& target,
                                    const std::atomic<bool>* stop = nullptr);
 

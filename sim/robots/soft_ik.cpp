@@ -16,32 +16,49 @@
 namespace taut {
 namespace {
 
-constexpr double enough = 0.01;  ///< errors below this part of the tolerance are not worth another step
+// Errors are in units of the tolerance, controls in fractions of their ranges.
+constexpr double awake_effect = 0.01;      ///< of a whole range: what has less on the errors counts as slack
+constexpr double nominal_pull = 1e-8;      ///< weight of the distance to the nominal controls over the largest slope's
+constexpr double worthwhile_error = 0.01;  ///< what a step has to take off the errors
+constexpr double worthwhile_gain = 1e-4;   ///< what a step has to take off the squared distance to the nominal controls
+constexpr double longest_trial = 0.25;     ///< what a step changes a control by at most
+constexpr double shortest_trial = 1e-3;    ///< the length of a step that is not worth to be shortened
+constexpr double same_end = 0.1;           ///< a search that comes so near to where another ended is going there
+constexpr double slope_step = 1e-4;        ///< half the way between two Hessians whose difference is a slope
 
 /// The step s from q that minimises g . s + s . B s / 2 with 0 <= q + s <= 1: controls that leave are held at their
-/// bounds and the others solved again; empty when B is not positive definite on those.
+/// bounds and the others solved again, until none held would go back inside; empty when B is not positive definite on
+/// those.
 Eigen::VectorXd bounded_step(const Eigen::MatrixXd& B, const Eigen::VectorXd& g, const Eigen::VectorXd& q) {
-  std::vector<Eigen::Index> free;
-  for (Eigen::Index j = 0; j < q.size(); ++j) {
-    if (!((q[j] <= 0 && g[j] >= 0) || (q[j] >= 1 && g[j] <= 0))) free.push_back(j);
-  }
   Eigen::VectorXd step = Eigen::VectorXd::Zero(q.size());
-  while (!free.empty()) {
-    for (Eigen::Index j : free) step[j] = 0;
+  std::vector<bool> held(static_cast<size_t>(q.size()), false);
+  for (Eigen::Index round = 0; round < 3 * q.size(); ++round) {
+    std::vector<Eigen::Index> free;
+    for (Eigen::Index j = 0; j < q.size(); ++j) {
+      if (!held[static_cast<size_t>(j)]) free.push_back(j);
+    }
+    step(free).setZero();
     const Eigen::VectorXd slope = g + B * step;
     const std::optional<Eigen::MatrixXd> inner = solve_positive_definite(B(free, free), slope(free));
     if (!inner) return {};
     step(free) = -*inner;
-    std::vector<Eigen::Index> inside;
+    bool inside = true;
     for (Eigen::Index j : free) {
-      if (q[j] + step[j] >= 0 && q[j] + step[j] <= 1) {
-        inside.push_back(j);
-      } else {
-        step[j] = (step[j] < 0 ? 0.0 : 1.0) - q[j];
-      }
+      if (q[j] + step[j] >= 0 && q[j] + step[j] <= 1) continue;
+      step[j] = (step[j] < 0 ? 0.0 : 1.0) - q[j];
+      held[static_cast<size_t>(j)] = true;
+      inside = false;
     }
-    if (inside.size() == free.size()) break;
-    free = inside;
+    if (!inside) continue;
+    const Eigen::VectorXd left = g + B * step;
+    Eigen::Index worst = -1;
+    for (Eigen::Index j = 0; j < q.size(); ++j) {
+      const bool lower = q[j] + step[j] < 0.5;
+      if (!held[static_cast<size_t>(j)] || (lower ? left[j] >= 0 : left[j] <= 0)) continue;
+      if (worst < 0 || std::abs(left[j]) > std::abs(left[worst])) worst = j;
+    }
+    if (worst < 0) break;
+    held[static_cast<size_t>(worst)] = false;
   }
   return step;
 }
@@ -54,27 +71,45 @@ Eigen::VectorXd each(const List& list, Number number) {
   return values;
 }
 
-/// The sum of squares near a point: residuals r with their Jacobian J, and what S knows of their second derivatives.
+/// An equilibrium of the search, with the errors there and their Jacobian.
+struct Iterate {
+  Eigen::VectorXd q, u, e;
+  Params p;
+  Eigen::MatrixXd J;
+  bool fresh = false;   ///< the Hessian was factorised near it
+  bool linear = false;  ///< J is by that factor
+  bool exact = false;   ///< and that is of this very state
+};
+
+/// What is minimised near a point: |e|^2/2 + pull |q - nominal|^2/2 with errors e and their Jacobian J, and what S
+/// knows of the errors' second derivatives. The pull is so weak beside the errors that it only tells controls apart
+/// that do equally well.
 struct Quadratic {
-  Eigen::VectorXd g, scale;
+  const Eigen::VectorXd &q, &e;
+  const Eigen::MatrixXd &J, &S;
+  Eigen::VectorXd offset, g, scale;  ///< q - nominal; the gradient; what damping goes by
   Eigen::MatrixXd B;
 
-  Quadratic(const Eigen::MatrixXd& J, const Eigen::VectorXd& r, const Eigen::MatrixXd& S) : g(J.transpose() * r) {
+  Quadratic(const Iterate& at, const Eigen::MatrixXd& learnt, const Eigen::VectorXd& nominal, double pull)
+      : q(at.q), e(at.e), J(at.J), S(learnt), offset(q - nominal), g(J.transpose() * e + pull * offset) {
     const Eigen::MatrixXd squares = J.transpose() * J;
     B = squares + S;
+    B.diagonal().array() += pull;
     scale = squares.diagonal();
     scale = scale.cwiseMax(1e-6 * scale.maxCoeff() + 1e-12);
   }
-  Eigen::VectorXd step(const Eigen::VectorXd& q, double damping) const {
+  Eigen::VectorXd step(double damping) const {
     return bounded_step(B + Eigen::MatrixXd(damping * scale.asDiagonal()), g, q);
   }
-  /// How much half the sum is to fall with a step.
+  /// How much the sum is to fall with a step.
   double promise(const Eigen::VectorXd& s) const { return -g.dot(s) - 0.5 * s.dot(B * s); }
+  /// How much half the square of the distance to the nominal controls is to fall with a step that keeps the errors.
+  double gain(const Eigen::VectorXd& s) const { return -offset.dot(s) - 0.5 * s.squaredNorm(); }
 };
 
 /// Levenberg's and Marquardt's damping, raised the faster the more steps in a row have failed (Nielsen).
 struct Damping {
-  double level = 1e-6, growth = 2;
+  double level = 1e-10, growth = 2;
 
   void raise() {
     level = growth * std::max(level, 1e-4);
@@ -93,6 +128,13 @@ void learn(const Eigen::VectorXd& change, const Eigen::VectorXd& step, Eigen::Ma
   if (std::abs(miss.dot(step)) > 1e-8 * miss.norm() * step.norm()) S += miss * miss.transpose() / miss.dot(step);
 }
 
+/// Equilibria on the way are as exact as errors have to be.
+EquilibriumOptions with_rough_tolerance(const IkOptions& options, double length) {
+  EquilibriumOptions all = options.equilibrium;
+  all.rough_tolerance = std::max(all.step_tolerance, 1e-3 * options.tolerance / length);
+  return all;
+}
+
 }  // namespace
 
 std::string_view name_of(IkStatus status) {
@@ -107,8 +149,29 @@ std::string_view name_of(IkStatus status) {
   return "";
 }
 
-/// The least-squares problem of one solve. Controls are seen as fractions q of their ranges, errors in units of the
-/// tolerance. The newest evaluation is kept: residuals are asked for first and derivatives at the same point later.
+double stiffness_along(const Equilibrium& equilibrium, const Eigen::VectorXd& direction) {
+  return 1 / direction.dot(equilibrium.solve_linear(direction).col(0));
+}
+
+Eigen::RowVectorXd log_stiffness_slopes(const Equilibrium& equilibrium, const Eigen::VectorXd& direction,
+                                        const std::vector<int>& indices, const Eigen::VectorXd& steps) {
+  const Eigen::VectorXd w = equilibrium.solve_linear(direction).col(0);
+  const Eigen::MatrixXd du = equilibrium.sensitivities(indices);
+  Eigen::RowVectorXd slopes(du.cols());
+  for (Eigen::Index j = 0; j < du.cols(); ++j) {
+    double difference = 0;
+    for (const double step : {steps[j], -steps[j]}) {
+      const Eigen::VectorXd u = equilibrium.u() + step * du.col(j);
+      Params p = equilibrium.p();
+      p[indices[static_cast<size_t>(j)]] += step;
+      difference += w.dot(equilibrium.model().hessian_times({u, p}, w)) / (2 * step);
+    }
+    slopes[j] = difference / direction.dot(w);
+  }
+  return slopes;
+}
+
+/// The search of one solve. Controls are seen as fractions q of their ranges, errors in units of the tolerance.
 class SoftIk::Search {
  public:
   Search(SoftIk& ik, const Eigen::VectorXd& targets, std::optional<double> stiffness)
@@ -124,16 +187,10 @@ class SoftIk::Search {
     const Eigen::VectorXd u = ik_.equilibrium_.u();
     const Params p = ik_.equilibrium_.p();
     const Eigen::VectorXd start = ik_.at_rest_ ? nominal_ : ik_.to_range(p(ik_.indices_));
-    ik_.at_rest_ = false;
     attempt(start);
-    const Eigen::VectorXd first = best_.q.size() > 0 ? best_.q : start;
-    const Eigen::VectorXd others[] = {nominal_, Eigen::VectorXd::Ones(controls()) - first,
-                                      Eigen::VectorXd::Constant(controls(), 0.5)};
-    for (int k = 0; k < std::min(3, ik_.options_.restarts) && !best_.reached; ++k) {
-      ik_.equilibrium_.start_at(u, p);
-      point_.resize(0);
-      attempt(others[k]);
-    }
+    // From one target that is out of reach to the next the nearest point is followed.
+    if (!best_.reached && !ik_.lost_) restart(start, u, p);
+    ik_.lost_ = best_.q.size() > 0 && !best_.reached;
     return result();
   }
 
@@ -149,143 +206,209 @@ class SoftIk::Search {
   Eigen::Index controls() const { return static_cast<Eigen::Index>(ik_.controls_.size()); }
   Eigen::Index rows() const { return targets_.size() + (stiffness_ ? 1 : 0); }
   bool is_folded() const { return smallest_jacobian(ik_.scene_->model->mesh(), ik_.equilibrium_.u()) <= 0; }
-  /// Norm of the errors in units of the tolerance at the last point.
-  double distance() const { return errors_.norm(); }
-  /// Whether the last point meets the targets, weights aside.
-  bool reached() const {
-    return (ik_.values() - targets_).norm() <= ik_.options_.tolerance &&
-           (!stiffness_ || std::abs(errors_[targets_.size()]) <= 1);
+  /// Whether the targets are met, weights aside.
+  bool within(const Iterate& at) const {
+    const Eigen::Index n = targets_.size();
+    const double error = at.e.head(n).cwiseQuotient(weights_).norm();
+    return error <= ik_.options_.tolerance && (!stiffness_ || std::abs(at.e[n]) <= 1);
   }
 
-  /// Moves the equilibrium to q; false, and the equilibrium where it was, when there is none on the way.
-  bool evaluate(const Eigen::VectorXd& q, bool derivatives) {
-    if (point_.size() == 0 || point_ != q) {
-      point_ = q;
-      slopes_.resize(0, 0);
-      ok_ = ik_.move_to(ik_.from_range(q));
-      if (ok_) errors_ = errors();
-    }
-    if (ok_ && derivatives && slopes_.size() == 0) ok_ = differentiate();
-    return ok_;
+  /// Moves the equilibrium to q, roughly where no stiffness is asked of its Hessian; false, and the equilibrium where
+  /// it was, when there is none on the way. All but the Jacobian is set.
+  bool move(const Eigen::VectorXd& q, Iterate& to) {
+    const int before = ik_.factorisations_;
+    if (!ik_.move_to(ik_.from_range(q), stiffness_ ? Polish::full : Polish::rough)) return false;
+    to.q = q;
+    to.u = ik_.equilibrium_.u();
+    to.p = ik_.equilibrium_.p();
+    to.e = errors();
+    to.fresh = stiffness_ || ik_.factorisations_ > before;
+    to.linear = to.exact = false;
+    return true;
   }
+
+  /// Goes back to where the search stands, and sees to it that the kept factor is of the Hessian there, which proves
+  /// that it is a minimum. All but the Jacobian may change; false when that equilibrium is gone.
+  bool settle(Iterate& at) {
+    if (at.fresh && ik_.equilibrium_.has_factor() && ik_.equilibrium_.u() == at.u) return true;
+    ik_.equilibrium_.start_at(at.u, at.p);
+    const Eigen::VectorXd q = at.q;
+    return move(q, at);
+  }
+
+  /// Searches from other points (nominal, mirrored, middle), together at most twice as long as the first search
+  /// took, in factorisations.
+  void restart(const Eigen::VectorXd& start, const Eigen::VectorXd& u, const Params& p) {
+    const Eigen::VectorXd first = best_.q.size() > 0 ? best_.q : start;
+    const Eigen::VectorXd others[] = {nominal_, Eigen::VectorXd::Ones(controls()) - first,
+                                      Eigen::VectorXd::Constant(controls(), 0.5)};
+    if (best_.q.size() > 0) most_ = 3 * ik_.factorisations_;
+    for (int k = 0; k < std::min(3, ik_.options_.restarts) && !best_.reached && !tired(); ++k) {
+      if (others[k] == start) continue;
+      ik_.equilibrium_.start_at(u, p);
+      attempt(others[k]);
+    }
+  }
+  bool tired() const { return ik_.factorisations_ >= most_; }
 
   /// Searches from a point and keeps what it finds where that is better, and not folded unless there is nothing else.
   void attempt(const Eigen::VectorXd& from) {
-    if (!evaluate(from, true)) return;
-    pull_ = 1;
-    Eigen::VectorXd q = minimise(awake(from));
-    pull_ = 0;
-    q = minimise(q);
-    const bool found = settled_;
-    if (!evaluate(q, true) || !(distance() < best_.distance)) return;
-    if (best_.q.size() > 0 && is_folded()) return;
-    best_ = {q, ik_.equilibrium_.u(), ik_.equilibrium_.p(), distance(), found, reached()};
+    Iterate at;
+    if (!start(from, at)) return;
+    pull_ = nominal_pull * at.J.colwise().squaredNorm().maxCoeff();
+    minimise(at);
+    if (!settle(at) || !(at.e.norm() < best_.distance)) return;
+    if (best_.q.size() > 0 && (is_folded() || (best_.settled && !settled_))) return;
+    best_ = {at.q, at.u, at.p, at.e.norm(), settled_, within(at)};
   }
 
-  /// Levenberg-Marquardt within the bounds from q; returns the best point. Where targets are out of reach, residuals
-  /// stay and their second derivatives count: these are learnt from the changes of the Jacobian (S, a symmetric
-  /// rank-one secant), without which the last steps would creep. Within the tolerance the Jacobian alone is right.
-  Eigen::VectorXd minimise(Eigen::VectorXd q) {
+  /// Reaches the targets; then goes along the controls that reach them towards the nominal ones, by steps that leave
+  /// them for a moment, as long as each brings something.
+  void minimise(Iterate& now) {
+    approach(now, ik_.options_.max_iterations);
+    double longest = std::numeric_limits<double>::infinity();
+    const int most = iterations_ + ik_.options_.max_iterations;
+    const Eigen::MatrixXd nothing = Eigen::MatrixXd::Zero(controls(), controls());
+    while (within(now) && iterations_ < most) {
+      const Quadratic near(now, nothing, nominal_, pull_);
+      const Eigen::VectorXd step = shortened(near.step(0), longest);
+      if (step.size() == 0 || near.gain(step) <= worthwhile_gain * near.offset.squaredNorm()) break;
+      Iterate trial;
+      const bool closer = go_on(now, step, trial) && approach(trial, 5) && within(trial) &&
+                          (trial.q - nominal_).norm() < (now.q - nominal_).norm();
+      longest = (closer ? 2 : 0.25) * step.norm();
+      if (closer) now = trial;
+    }
+  }
+
+  /// Levenberg-Marquardt within the bounds until the errors are within the tolerance, or no step brings them nearer.
+  /// Where targets are out of reach, second derivatives of the errors count: these are learnt from the changes of the
+  /// Jacobian (S, a symmetric rank-one secant), without which the last steps would creep. False when the search was
+  /// given up.
+  bool approach(Iterate& now, int most) {
     settled_ = false;
-    if (!evaluate(q, true)) return q;
-    Eigen::VectorXd r = residuals(q);
-    Eigen::MatrixXd J = jacobian(), S = Eigen::MatrixXd::Zero(controls(), controls());
+    // What was learnt goes on to count from one target out of reach to the next, unless that one seems in reach.
+    const Eigen::MatrixXd nothing = Eigen::MatrixXd::Zero(controls(), controls());
+    Eigen::MatrixXd& S = ik_.curvature_;
+    const bool in_reach = (now.e + now.J * Quadratic(now, nothing, nominal_, pull_).step(0)).norm() <= 1;
+    if (!ik_.lost_ || in_reach) S = nothing;
     Damping damping;
     bool blocked = false;  // the last trial failed
-    for (int iteration = 0; iteration < ik_.options_.max_iterations; ++iteration) {
-      const double cost = 0.5 * r.squaredNorm();
-      settled_ = 2 * cost <= enough * enough;
-      if (settled_) break;
-      const Quadratic near(J, r, S);
-      const Eigen::VectorXd step = near.step(q, damping.level), undamped = near.step(q, 1e-9);
-      if (step.size() == 0) {
+    for (int iteration = 0; iteration < most && !given_up(now); ++iteration) {
+      settled_ = within(now);
+      if (settled_) return true;
+      const Quadratic near(now, S, nominal_, pull_);
+      const Eigen::VectorXd undamped = near.step(0), step = shortened(near.step(damping.level));
+      if (step.size() == 0 || undamped.size() == 0) {
         S.setZero();
+        damping.raise();
         continue;
       }
-      // A step that is short for its damping alone says nothing, nor does one that the bounds have turned uphill.
-      const double hope = undamped.size() > 0 ? near.promise(undamped) : -1;
-      if (hope >= 0 && hope <= (pull_ > 0 ? 1e-5 : 1e-8) * cost) {
+      // A step that is short for its damping alone says nothing.
+      const bool ended = near.promise(undamped) <= worthwhile_error * now.e.norm();
+      if (ended && now.exact) {
         settled_ = !blocked;
-        break;
+        return true;
       }
+      Iterate trial;
       const double promised = near.promise(step);
-      if (!(promised > 0)) {
+      const bool tried = !ended && promised > 0;
+      if (tried) blocked = !go_on(now, step, trial);
+      const double ratio = tried && !blocked ? (cost(now) - cost(trial)) / promised : -1.0;
+      if (!(ratio > 1e-3 || (tried && !blocked && within(trial)))) {
+        // Where not even the shortest steps do what the slopes say, as at the kink of a cable that goes slack, it ends.
+        settled_ = tried && now.exact && step.norm() < shortest_trial;
+        if (settled_) return true;
+        if (!now.exact && !renew(now)) return false;
         damping.raise();
         continue;
       }
-      const Eigen::VectorXd trial = (q + step).cwiseMax(0.0).cwiseMin(1.0);
-      ++iterations_;
-      blocked = !evaluate(trial, false);
-      const double ratio = blocked ? -1.0 : (cost - 0.5 * residuals(trial).squaredNorm()) / promised;
-      if (!(ratio > 1e-3 && evaluate(trial, true))) {
-        damping.raise();
-        continue;
-      }
-      S *= residuals(trial).norm() / r.norm();
-      r = residuals(trial);
-      learn((jacobian() - J).transpose() * r, step, S);
-      if (distance() < 1) S.setZero();
-      J = jacobian();
-      q = trial;
+      if (now.linear && trial.linear)
+        learn((trial.J - now.J).transpose() * (now.e + now.J * undamped), trial.q - now.q, S);
       damping.lower(ratio);
+      now = trial;
     }
-    return q;
+    settled_ = within(now);
+    return settled_;
+  }
+
+  /// A trial point with its Jacobian: by the factor where there is a new one, else by its own change (Broyden). False
+  /// when there is no equilibrium.
+  bool go_on(const Iterate& now, const Eigen::VectorXd& step, Iterate& trial) {
+    ++iterations_;
+    if (!move((now.q + step).cwiseMax(0.0).cwiseMin(1.0), trial)) return false;
+    const Eigen::VectorXd moved = trial.q - now.q;
+    if (trial.fresh)
+      linearise(trial);
+    else
+      trial.J = now.J + (trial.e - now.e - now.J * moved) * moved.transpose() / moved.squaredNorm();
+    return true;
+  }
+  /// Goes back and takes the Jacobian anew, by the factor there.
+  bool renew(Iterate& now) {
+    ik_.equilibrium_.start_at(now.u, now.p);
+    if (!ik_.equilibrium_.refactorise()) return false;
+    ++ik_.factorisations_;
+    linearise(now);
+    now.exact = true;
+    return true;
+  }
+
+  /// A step of at most `longest`, which changes no control by more than a linear step may.
+  static Eigen::VectorXd shortened(const Eigen::VectorXd& step,
+                                   double longest = std::numeric_limits<double>::infinity()) {
+    if (step.size() == 0 || step.isZero(0)) return step;
+    return step * std::min({1.0, longest / step.norm(), longest_trial / step.cwiseAbs().maxCoeff()});
+  }
+  /// More searches than one share what they may take, and one that comes near to where another ended is going there.
+  bool given_up(const Iterate& at) const {
+    return tired() || (best_.q.size() > 0 && (at.q - best_.q).norm() < same_end);
+  }
+  double cost(const Iterate& at) const {
+    return 0.5 * at.e.squaredNorm() + 0.5 * pull_ * (at.q - nominal_).squaredNorm();
   }
 
   Eigen::VectorXd errors() const {
     Eigen::VectorXd r(rows());
     r.head(targets_.size()) = weights_.cwiseProduct(ik_.values() - targets_);
-    if (stiffness_) r[targets_.size()] = std::log(ik_.stiffness() / *stiffness_) / ik_.options_.stiffness_tolerance;
+    if (stiffness_) r[targets_.size()] = std::log(stiffness() / *stiffness_) / ik_.options_.stiffness_tolerance;
     return r;
   }
 
-  /// Errors, and the pull towards the nominal controls.
-  Eigen::VectorXd residuals(const Eigen::VectorXd& q) const {
-    Eigen::VectorXd r(rows() + controls());
-    r << errors_, pull_ * (q - nominal_);
-    return r;
-  }
-  Eigen::MatrixXd jacobian() const {
-    Eigen::MatrixXd J(rows() + controls(), controls());
-    J << slopes_, pull_ * Eigen::MatrixXd::Identity(controls(), controls());
-    return J;
-  }
-
-  /// Controls without effect are moved until they have one; where they get none, they stay.
-  Eigen::VectorXd awake(const Eigen::VectorXd& from) {
-    Eigen::VectorXd q = from;
-    for (double step = 0.01; step < 1 && evaluate(q, true); step *= 2) {
-      const Eigen::VectorXd effect = slopes_.colwise().norm();
-      if (effect.minCoeff() >= enough) return q;
+  /// Moves to where a search begins: controls without effect are moved until they have one; where they get none, they
+  /// stay.
+  bool start(const Eigen::VectorXd& from, Iterate& at) {
+    Eigen::VectorXd q = from, effect;
+    for (double step = 0.01;; step *= 2) {
+      if (!move(q, at)) return false;
+      linearise(at);
+      effect = at.J.colwise().norm();
+      if (effect.minCoeff() >= awake_effect) return true;
+      if (step >= 1) break;
       for (Eigen::Index j = 0; j < q.size(); ++j) {
-        if (effect[j] < enough) q[j] = std::min(1.0, q[j] + step);
+        if (effect[j] < awake_effect) q[j] = std::min(1.0, q[j] + step);
       }
     }
-    if (!evaluate(q, true)) return from;
-    const Eigen::VectorXd effect = slopes_.colwise().norm();
-    return (effect.array() >= enough).select(q, from);
-  }
-
-  bool differentiate() {
-    Eigen::MatrixXd J(rows(), controls());
-    J.topRows(targets_.size()) = weights_.asDiagonal() * (ik_.derivatives() * ik_.range_.asDiagonal());
-    if (stiffness_) {
-      const Eigen::VectorXd u = ik_.equilibrium_.u();
-      const Params p = ik_.equilibrium_.p();
-      for (Eigen::Index j = 0; j < controls(); ++j) {
-        Eigen::VectorXd q = point_;
-        const double step = q[j] < 0.5 ? 1e-3 : -1e-3;  // stays within the bounds
-        q[j] += step;
-        const bool moved = ik_.move_to(ik_.from_range(q));
-        if (moved) J(targets_.size(), j) = (errors()[targets_.size()] - errors_[targets_.size()]) / step;
-        ik_.equilibrium_.start_at(u, p);
-        if (!ik_.equilibrium_.refactorise() || !moved) return false;
-        ++ik_.factorisations_;
-      }
-    }
-    slopes_ = J;
+    q = (effect.array() >= awake_effect).select(q, from);
+    if (!move(q, at)) return false;
+    linearise(at);
     return true;
   }
+
+  /// Sets the Jacobian by the kept factor.
+  void linearise(Iterate& at) {
+    Eigen::MatrixXd& J = at.J;
+    J.resize(rows(), controls());
+    J.topRows(targets_.size()) = weights_.asDiagonal() * (ik_.derivatives() * ik_.range_.asDiagonal());
+    if (stiffness_)
+      J.row(targets_.size()) = log_stiffness_slopes(ik_.equilibrium_, ik_.options_.stiffness_direction, ik_.indices_,
+                                                    slope_step * ik_.range_)
+                                   .cwiseProduct(ik_.range_.transpose()) /
+                               ik_.options_.stiffness_tolerance;
+    at.linear = true;
+  }
+
+  double stiffness() const { return stiffness_along(ik_.equilibrium_, ik_.options_.stiffness_direction); }
 
   /// The best state, to which the equilibrium goes back, and what is to be said of it.
   IkResult result() {
@@ -305,7 +428,7 @@ class SoftIk::Search {
     result.controls = ik_.from_range(best_.q);
     result.achieved = ik_.values();
     result.error = (result.achieved - targets_).norm();
-    if (ik_.options_.stiffness_direction.size() > 0) result.stiffness = ik_.stiffness();
+    if (ik_.options_.stiffness_direction.size() > 0) result.stiffness = stiffness();
     for (const double q : best_.q) result.bound.push_back(q <= 1e-9 ? -1 : q >= 1 - 1e-9 ? 1 : 0);
     const std::string where =
         fmt::format("{:.4g} mm from the target{}{}{}", 1e3 * result.error,
@@ -326,13 +449,11 @@ class SoftIk::Search {
   SoftIk& ik_;
   const Eigen::VectorXd targets_, nominal_, weights_;
   const std::optional<double> stiffness_;
-  double pull_ = 1;      ///< weight of the distance to the nominal controls
-  int iterations_ = 0;   ///< Levenberg-Marquardt steps so far
-  bool settled_ = true;  ///< the last search ended by itself
+  int most_ = std::numeric_limits<int>::max();  ///< factorisations
+  double pull_ = 0;                             ///< weight of the square of the distance to the nominal controls
+  int iterations_ = 0;                          ///< Levenberg-Marquardt steps so far
+  bool settled_ = true;                         ///< the last search ended by itself
   End best_;
-  Eigen::VectorXd point_, errors_;
-  Eigen::MatrixXd slopes_;
-  bool ok_ = false;
 };
 
 SoftIk::SoftIk(const Scene& scene, std::vector<IkChannel> channels, std::vector<IkControl> controls, IkOptions options)
@@ -340,7 +461,7 @@ SoftIk::SoftIk(const Scene& scene, std::vector<IkChannel> channels, std::vector<
       channels_(std::move(channels)),
       controls_(std::move(controls)),
       options_(std::move(options)),
-      equilibrium_(*scene.model, options_.equilibrium) {
+      equilibrium_(*scene.model, with_rough_tolerance(options_, scene.model->length_scale())) {
   if (channels_.empty() || controls_.empty())
     throw InputError("inverse kinematics needs at least one channel with a target and one control; name them");
   const ParameterTable& table = scene.model->parameters();
@@ -365,6 +486,12 @@ SoftIk::SoftIk(const Scene& scene, std::vector<IkChannel> channels, std::vector<
 void SoftIk::forget() {
   equilibrium_.start_at_rest(options_.rest);
   at_rest_ = true;
+  lost_ = false;
+}
+
+void SoftIk::start_at(const Eigen::VectorXd& u, const Params& p) {
+  equilibrium_.start_at(u, p);
+  at_rest_ = lost_ = false;
 }
 
 Eigen::VectorXd SoftIk::from_range(const Eigen::VectorXd& q) const {
@@ -375,23 +502,25 @@ Eigen::VectorXd SoftIk::to_range(const Eigen::VectorXd& c) const {
   return (c - lower_).cwiseQuotient(range_).cwiseMax(0.0).cwiseMin(1.0);
 }
 
-/// In as many solves as the controls' largest steps ask for.
-bool SoftIk::move_to(const Eigen::VectorXd& controls) {
+/// In as many solves as the controls' largest steps ask for; none where nothing changes.
+bool SoftIk::move_to(const Eigen::VectorXd& controls, Polish polish) {
   const Eigen::VectorXd u = equilibrium_.u();
   const Params from = equilibrium_.p();
   Params to = options_.held;
   to(indices_) = controls;
+  if (!at_rest_ && to == from && equilibrium_.has_factor()) return true;
   const Eigen::ArrayXd change = (to(indices_) - from(indices_)).cwiseAbs().array();
   const double steps = std::max(1.0, ceil(change / each(controls_, &IkControl::largest_step).array()).maxCoeff());
   for (double step = 1; step <= steps; ++step) {
     const Params next = step == steps ? to : Params(from + step / steps * (to - from));
-    const SolveReport& report = equilibrium_.solve(next);
+    const SolveReport& report = equilibrium_.solve(next, polish);
     ++solves_;
     factorisations_ += report.factorisations;
     if (report.status == SolveStatus::converged) continue;
     equilibrium_.start_at(u, from);
     return false;
   }
+  at_rest_ = false;
   return true;
 }
 
@@ -408,11 +537,6 @@ Eigen::MatrixXd SoftIk::derivatives() const {
   for (const IkChannel& one : channels_)
     J.row(row++) = channel_derivatives(*one.channel, {equilibrium_.u(), equilibrium_.p()}, sensitivities, indices_);
   return J;
-}
-
-double SoftIk::stiffness() const {
-  const Eigen::VectorXd& c = options_.stiffness_direction;
-  return 1 / c.dot(equilibrium_.solve_linear(c).col(0));
 }
 
 /// ", with 'a' at its lower bound, 'b' at its upper bound" or "".
@@ -435,6 +559,9 @@ IkResult SoftIk::solve(const Eigen::VectorXd& targets, std::optional<double> sti
         fmt::format("a stiffness of {:.6g} N/m is no target; it must be positive, and the options must "
                     "name its direction",
                     *stiffness));
+  if (stiffness && std::ranges::any_of(scene_->model->bodies(), &Body::rigid))
+    throw InputError(
+        "a stiffness is no target where segments are rigid; set model = \"full\", or ask for places alone");
   const Stopwatch stopwatch;
   solves_ = factorisations_ = 0;
   IkResult result = Search(*this, targets, stiffness).run();

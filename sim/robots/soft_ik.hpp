@@ -30,7 +30,7 @@ struct IkChannel {
 
 /// How targets are searched for.
 struct IkOptions {
-  double tolerance = 1e-4;              ///< [m] of the error at which targets count as reached
+  double tolerance = 1e-4;              ///< [m] of the error at which targets count as reached, and the search ends
   double stiffness_tolerance = 0.01;    ///< relative
   int max_iterations = 60;              ///< Levenberg-Marquardt steps of one search
   int restarts = 3;                     ///< other starts that are tried before a target counts as unreachable
@@ -63,21 +63,39 @@ struct IkResult {
   double seconds = 0;
 };
 
-/// Soft inverse kinematics: controls c within bounds whose static equilibrium u*(c) brings channels to targets,
+/// The stiffness k = 1/(c^T H^-1 c) [N/m] along displacement weights c (mean_weights(), say) at the last equilibrium: a
+/// force along c over how far its place goes, controls held. Throws std::logic_error without a factor.
+double stiffness_along(const Equilibrium& equilibrium, const Eigen::VectorXd& direction);
+
+/// d ln k/dp_j along the equilibria for each of `indices`, shape (1 x indices): with w = H^-1 c it is k w^T (dH/dp_j)
+/// w, dH/dp_j the central difference of two Hessian products `steps`[j] to either side on the tangent of the
+/// equilibria. No equilibrium is solved. Not for models with rigid bodies, whose unknowns turn with the state. Throws
+/// as above.
+Eigen::RowVectorXd log_stiffness_slopes(const Equilibrium& equilibrium, const Eigen::VectorXd& direction,
+                                        const std::vector<int>& indices, const Eigen::VectorXd& steps);
+
+/// Soft inverse kinematics: controls c within bounds whose static equilibrium u*(c) brings channels to targets and that
+/// are as near to the nominal ones as that allows,
 ///
-///   min_c  1/2 sum_i (w_i (y_i(u*(c), c) - target_i) / tolerance)^2  [ + 1/2 ((ln k - ln k_target) / stiffness
-///   tolerance)^2 ]
+///   min_c  1/2 sum_j ((c_j - nominal_j)/(upper_j - lower_j))^2   with   |y(u*(c), c) - target| <= tolerance
+///   [ and |ln k - ln k_target| <= stiffness tolerance ],
 ///
-/// by Levenberg-Marquardt within the bounds, du*/dc by the implicit function theorem from the kept factor (Bern et
-/// al. 2019). A first search adds 1/2 sum_j ((c_j - nominal_j)/(upper_j - lower_j))^2, which chooses among controls
-/// that do equally well; the second one goes on from there without it, so that it costs no accuracy. A control that has
-/// no effect at the start (a slack cable) is moved towards its upper bound until it has one. Where the targets are not
-/// reached, the search is repeated from other starts (nominal, mirrored, middle) and the best end counts. That guards
-/// against local minima without excluding them.
+/// or, where nothing does, the least error of the weighted channels. By Levenberg-Marquardt within the bounds, du*/dc
+/// by the implicit function theorem from the kept factor (Bern et al. 2019). Each step minimises the linear errors and,
+/// among controls that do equally well, the distance to the nominal ones, whatever the tolerance is; the search ends
+/// where the targets are met and no step would bring the controls nearer by 2 % of that distance. The first step
+/// towards a target is thus along the tangent of the last one's answer. Equilibria on the way are solved to a
+/// thousandth of the tolerance. Without a choice of controls, warm and cold searches end within the tolerance of each
+/// other.
 ///
-/// The stiffness k = 1/(c^T H^-1 c) of the end effector along a direction c takes one back-solve; its derivatives are
-/// differences between equilibria solved again with each control moved by 1e-3 of its range, so they cost a solve per
-/// control and step.
+/// A control that has no effect at the start (a slack cable) is moved towards its upper bound until it has one. Where
+/// the targets are not reached, the search is repeated from other starts (nominal, mirrored, middle), which together
+/// may take three times the factorisations of the first, and the best end counts. That guards against local minima
+/// without excluding them. After a target that was out of reach the nearest point is followed from it without other
+/// starts.
+///
+/// The stiffness of the end effector takes one back-solve (stiffness_along()), its slopes no solve of an equilibrium
+/// (log_stiffness_slopes()).
 ///
 /// Keeps its last equilibrium: targets on a path are followed from one to the next. Not for several threads at once.
 class SoftIk {
@@ -86,20 +104,22 @@ class SoftIk {
   SoftIk(const Scene& scene, std::vector<IkChannel> channels, std::vector<IkControl> controls, IkOptions options = {});
 
   /// `targets`: one per channel, SI. `stiffness` [N/m], if it is to be met as well. Throws InputError for the wrong
-  /// number of targets, numbers that are not finite, or a stiffness that is not positive or without a direction.
+  /// number of targets, numbers that are not finite, or a stiffness that is not positive, without a direction, or of a
+  /// model with rigid bodies.
   IkResult solve(const Eigen::VectorXd& targets, std::optional<double> stiffness = {});
 
   /// The state at the end of the last solve; at rest before the first one.
   const Equilibrium& equilibrium() const { return equilibrium_; }
   /// Forgets the past: the next solve starts at rest.
   void forget();
+  /// The next solve starts at this equilibrium, of another search on the same scene.
+  void start_at(const Eigen::VectorXd& u, const Params& p);
 
  private:
   class Search;
-  bool move_to(const Eigen::VectorXd& controls);
+  bool move_to(const Eigen::VectorXd& controls, Polish polish);
   Eigen::VectorXd values() const;
   Eigen::MatrixXd derivatives() const;
-  double stiffness() const;
   std::string bounds_text(const IkResult& result) const;
   Eigen::VectorXd from_range(const Eigen::VectorXd& q) const;
   Eigen::VectorXd to_range(const Eigen::VectorXd& c) const;
@@ -112,6 +132,8 @@ class SoftIk {
   Eigen::VectorXd lower_, range_;
   Equilibrium equilibrium_;
   bool at_rest_ = true;
+  bool lost_ = false;          ///< the last target was out of reach
+  Eigen::MatrixXd curvature_;  ///< what the last search learnt of the errors' second derivatives
   int solves_ = 0, factorisations_ = 0;
 };
 

@@ -107,6 +107,11 @@ Eigen::VectorXd Equilibrium::free_gradient_at(const Eigen::VectorXd& u, const Pa
   return hessian_.reduction().restrict_to_free(u, gradient);
 }
 
+/// Of the largest component of a step [m].
+double Equilibrium::tolerance() const {
+  return (polish_ == Polish::rough ? options_.rough_tolerance : options_.step_tolerance) * model_->length_scale();
+}
+
 /// Newton's step from u. False when there is none.
 bool Equilibrium::find_direction(const Eigen::VectorXd& u, const Params& p, Direction& to) {
   Eigen::VectorXd gradient;
@@ -160,7 +165,7 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
   model_->evaluate(at(u, p), energy);
   if (!std::isfinite(energy.energy)) return {SolveStatus::infeasible_start, false};
 
-  const double tolerance = options_.step_tolerance * model_->length_scale();
+  const double tolerance = this->tolerance();
   const LineSearch search = options_.comparison.line_search;
   bool on_trust = false;  // the last step raised the energy and is still to be made up for
   const int limit = (buckling_ ? 4 : 1) * options_.max_iterations;  // the way into a post-buckled shape is long
@@ -188,7 +193,7 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
       energy = next;
       continue;
     }
-    if (polish_ == Polish::search && way.exact && fraction == 1 && next.energy <= energy.energy) {
+    if (polish_ != Polish::full && way.exact && fraction == 1 && next.energy <= energy.energy) {
       Eigen::VectorXd refined = trial;
       if (refine(refined, p, 0.1 * size)) {
         u = refined;
@@ -217,7 +222,7 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
 /// Steps with the last factor again, as long as each is at most a tenth of the one before it; the first one says how
 /// much the Hessian has changed since. True when u has come to the tolerance.
 bool Equilibrium::refine(Eigen::VectorXd& u, const Params& p, double largest_step) {
-  const double tolerance = options_.step_tolerance * model_->length_scale();
+  const double tolerance = this->tolerance();
   for (int iteration = 0; iteration < 8; ++iteration) {
     const Eigen::VectorXd step = -hessian_.solve(free_gradient_at(u, p));
     const double size = largest(step);
@@ -389,11 +394,22 @@ bool Equilibrium::is_held(const Eigen::VectorXd& u, const Params& p) {
   return false;
 }
 
+/// From the state that was predicted with the factor of the last one, on with that factor: the prediction counts as the
+/// first step. False, and u as it was, when the factor does not serve.
+bool Equilibrium::follow(Eigen::VectorXd& u, const Params& p) {
+  if (polish_ != Polish::rough || !has_factor_ || p == p_) return false;
+  Eigen::VectorXd followed = u;
+  if (!refine(followed, p, 0.1 * largest(u - u_))) return false;
+  u = followed;
+  return true;
+}
+
 /// Minimises from u and makes sure that the result is a minimum whose exact Hessian is factorised.
 SolveStatus Equilibrium::settle(Eigen::VectorXd& u, const Params& p) {
+  indefinite_ = 0;
+  if (follow(u, p)) return SolveStatus::converged;
   has_factor_ = false;
   buckling_ = patient_;
-  indefinite_ = 0;
   loudest_ = 0;
   calmest_ = infinity;
   for (int attempt = 0; attempt < 4; ++attempt) {
@@ -465,7 +481,7 @@ Eigen::VectorXd Equilibrium::predicted_step(const Params& p, bool stiffness_by_r
 Eigen::VectorXd Equilibrium::predict(const Params& p) const {
   Eigen::VectorXd plain = u_;
   model_->impose_supports(p, plain);
-  if (!has_factor_) return plain;
+  if (!has_factor_ || p == p_) return plain;
   double fraction = 1;
   Eigen::VectorXd predicted = motion(p).admissible(u_, predicted_step(p, true), p, fraction);
   model_->impose_supports(p, predicted);

@@ -36,6 +36,7 @@ enum class LineSearch {
 struct EquilibriumOptions {
   int max_iterations = 40;         ///< Newton iterations per load step before it is halved; after buckling 4 times this
   double step_tolerance = 1e-9;    ///< largest component of the last Newton step, relative to the bounding-box diagonal
+  double rough_tolerance = 1e-6;   ///< the same for Polish::rough
   int max_halvings = 10;           ///< smallest load step is 2^-max_halvings of the whole
   int max_total_iterations = 400;  ///< over all load steps of one solve
   int load_steps = 1;              ///< equal steps to begin with; failed ones are halved, as max_halvings allows
@@ -77,9 +78,11 @@ struct SolveReport {
 
 /// How far an equilibrium is polished.
 enum class Polish {
-  full,   ///< to step_tolerance, and the kept factor is of a state within that
-  search  ///< to step_tolerance, but the last steps go with the factor before them as long as that has changed by a
-          ///< tenth at most; sensitivities are off by as much. For searches whose end is computed again
+  full,    ///< to step_tolerance, and the kept factor is of a state within that
+  search,  ///< to step_tolerance, but the last steps go with the factor before them as long as that has changed by a
+           ///< tenth at most; sensitivities are off by as much. For searches whose end is computed again
+  rough    ///< the same to rough_tolerance, and the first steps go with the factor of the last equilibrium as long as
+           ///< each is a tenth of the one before it: near that one no factorisation at all, and no proof of a minimum
 };
 
 /// Static equilibrium u* = argmin_u Pi(u; p): Newton's method on the exact Hessian, projected or shifted only when its
@@ -163,6 +166,7 @@ class Equilibrium {
   bool better_by_gradient(const Eigen::VectorXd& trial, const Params& p, const Direction& way) const;
   bool shorten(const Step& from, const Params& p, Eigen::VectorXd& u, Assembly& energy) const;
   NewtonResult minimise(Eigen::VectorXd& u, const Params& p);
+  double tolerance() const;
   bool refine(Eigen::VectorXd& u, const Params& p, double largest_step);
   Eigen::VectorXd lowest_mode(const Eigen::VectorXd& besides) const;
   std::string heading(const Eigen::VectorXd& direction) const;
@@ -179,6 +183,7 @@ class Equilibrium {
   bool drifted(const Eigen::VectorXd& u, const Eigen::VectorXd& start, const Params& p);
   bool is_held(const Eigen::VectorXd& u, const Params& p);
   SolveStatus settle(Eigen::VectorXd& u, const Params& p);
+  bool follow(Eigen::VectorXd& u, const Params& p);
   Eigen::VectorXd predicted_step(const Params& p, bool stiffness_by_reciprocal) const;
   Eigen::VectorXd predict(const Params& p) const;
   bool passes_through(const Params& p, const Eigen::VectorXd& u) const;

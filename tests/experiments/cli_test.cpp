@@ -615,5 +615,74 @@ TEST(IkCommand, SaysWhichTargetsWereReachedAndByWhichControls) {
     EXPECT_TRUE(fs::exists(folder / (std::string("runs/robot/") + file))) << file;
 }
 
+/// `taut ik --stream` with these lines on its stdin; its answers.
+std::vector<nlohmann::json> streamed(const std::string& lines, const std::string& toml = posed_robot_toml) {
+  const TemporaryFolder folder;
+  folder.write("robot.toml", toml);
+  folder.write("lines", lines);
+  const std::string command =
+      std::string("cd '") + (folder / "") + "' && '" TAUT_BINARY "' ik robot.toml --stream < lines > out";
+  EXPECT_EQ(std::system(command.c_str()), 0);
+  EXPECT_FALSE(fs::exists(folder / "runs")) << "no folder is written";
+  std::vector<nlohmann::json> answers;
+  std::istringstream out(text_of(folder / "out"));
+  for (std::string line; std::getline(out, line);) answers.push_back(nlohmann::json::parse(line));
+  return answers;
+}
+
+TEST(IkCommand, AnswersTargetsFromAStreamOneByOne) {
+  const std::vector<nlohmann::json> answers = streamed(R"({"tip_y": "20 mm", "name": "a"}
+{"tip_y": 0.021}
+
+{"tip_y": "200 mm"})");
+  ASSERT_EQ(answers.size(), 3u);
+  EXPECT_EQ(answers[0].at("name"), "a");
+  EXPECT_EQ(answers[0].at("status"), "reached");
+  EXPECT_EQ(answers[1].at("status"), "reached");
+  EXPECT_NEAR(answers[1].at("channels").at("tip_y").at("achieved").get<double>(), 0.021, 1e-4);
+  EXPECT_EQ(answers[1].at("channels").at("tip_y").at("unit"), "m");
+  EXPECT_EQ(answers[1].at("controls").at("motor").at("unit"), "rad");
+  EXPECT_GT(answers[1].at("controls").at("motor").at("value"), answers[0].at("controls").at("motor").at("value"));
+  EXPECT_LT(answers[1].at("factorisations"), answers[0].at("factorisations")) << "each starts from the last one";
+  EXPECT_GT(answers[1].at("milliseconds"), 0);
+  EXPECT_EQ(answers[2].at("status"), "unreachable");
+  EXPECT_GT(answers[2].at("error_m"), 0.05);
+}
+
+TEST(IkCommand, WhatIsWrongWithALineIsSaidAndTheStreamGoesOn) {
+  const std::vector<nlohmann::json> answers = streamed(R"(nonsense
+{"tip_y": "20 N", "name": 7}
+{"tip_z": 0.02}
+{"tip_y": [1]}
+{}
+{"tip_y": 0.02, "hold": {"motr": 0}}
+{"tip_y": 0.02, "hold": {"motor": 0}}
+{"tip_y": 0.02, "hold": 3}
+{"tip_y": 0.02, "stiffness": {"tip_y": "-1 N/m"}}
+{"tip_y": 0.02}
+)");
+  const std::vector<std::vector<std::string>> parts{{"line 1", "no JSON object"},
+                                                    {"line 2", "tip_y", "force"},
+                                                    {"line 3", "tip_z", "did you mean 'tip_y'"},
+                                                    {"line 4", "tip_y", "a number in m"},
+                                                    {"line 5", "needs the value of a channel"},
+                                                    {"line 6", "did you mean 'motor'"},
+                                                    {"line 7", "all controls are held"},
+                                                    {"line 8", "an object belongs here"},
+                                                    {"line 9", "stiffness", "positive"}};
+  ASSERT_EQ(answers.size(), parts.size() + 1);
+  for (size_t k = 0; k < parts.size(); ++k) expect_holds(answers[k].at("error").get<std::string>(), parts[k]);
+  EXPECT_EQ(answers[1].at("name"), 7);
+  EXPECT_EQ(answers.back().at("status"), "reached");
+}
+
+TEST(IkCommand, AStreamTakesNeitherTargetNorFolder) {
+  const TemporaryFolder folder;
+  folder.write("robot.toml", posed_robot_toml);
+  const Outcome outcome = run_in(folder / "", {"ik", "robot.toml", "--stream", "--out", "there"});
+  EXPECT_EQ(outcome.code, 2);
+  expect_holds(outcome.err, {"--stream", "--out"});
+}
+
 }  // namespace
 }  // namespace taut

@@ -434,6 +434,29 @@ TEST(Equilibrium, ASearchEndsInTheSameStateWithFewerFactorisations) {
   EXPECT_LE((near - exact).norm(), 0.1 * exact.norm());
 }
 
+TEST(Equilibrium, ARoughSolveNearTheLastEquilibriumTakesNoFactorisationAtAll) {
+  const Problem problem = problem_a1(8, 2);
+  const Model& model = *problem.scene.model;
+  Params p = problem.scene.values, nearby = p;
+  p[problem.force] = 2.0;
+  nearby[problem.force] = 2.02;
+  Equilibrium full(model), rough(model);
+  for (Equilibrium* equilibrium : {&full, &rough}) {
+    equilibrium->start_at_rest(problem.scene.values);
+    ASSERT_EQ(equilibrium->solve(p).status, SolveStatus::converged);
+  }
+  ASSERT_EQ(full.solve(nearby).status, SolveStatus::converged);
+  ASSERT_EQ(rough.solve(nearby, Polish::rough).status, SolveStatus::converged);
+  EXPECT_EQ(rough.report().factorisations, 0);
+  EXPECT_LE((rough.u() - full.u()).cwiseAbs().maxCoeff(), EquilibriumOptions().rough_tolerance * model.length_scale());
+  // Far away it factorises as any search does.
+  nearby[problem.force] = 6.0;
+  ASSERT_EQ(rough.solve(nearby, Polish::rough).status, SolveStatus::converged);
+  ASSERT_EQ(full.solve(nearby).status, SolveStatus::converged);
+  EXPECT_GT(rough.report().factorisations, 0);
+  EXPECT_LE((rough.u() - full.u()).cwiseAbs().maxCoeff(), EquilibriumOptions().rough_tolerance * model.length_scale());
+}
+
 TEST(Equilibrium, LoadStepsDivideTheWay) {
   const Problem problem = problem_a1(4, 2);
   Params p = problem.scene.values;

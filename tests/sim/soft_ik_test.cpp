@@ -14,6 +14,13 @@ namespace {
 
 using namespace test;
 
+/// For answers that are compared with exact ones: the search ends where the tolerance is met.
+IkOptions exactly() {
+  IkOptions options;
+  options.tolerance = 1e-6;
+  return options;
+}
+
 std::vector<IkChannel> tip_channels(const Eigen::VectorXd& x, const Eigen::VectorXd& y) {
   return {{make_linear_channel(x)}, {make_linear_channel(y)}};
 }
@@ -62,7 +69,7 @@ Eigen::Vector2d closed_form(const Eigen::Vector2d& position) {
 
 TEST(SoftIk, ATwoLinkArmTakesTheAnglesOfTheClosedForm) {
   const Arm arm = two_link_arm();
-  SoftIk ik(arm.scene, arm.channels, arm.controls);
+  SoftIk ik(arm.scene, arm.channels, arm.controls, exactly());
   for (const Eigen::Vector2d& position :
        {Eigen::Vector2d(0.085, 0.03), Eigen::Vector2d(0.06, 0.06), Eigen::Vector2d(0.07, -0.02)}) {
     const IkResult result = ik.solve(arm.target(position));
@@ -108,12 +115,11 @@ TEST(SoftIk, AnotherStartLeadsOutOfALocalMinimum) {
   // With the elbow up the first joint would have to leave its bounds; the search begins with the elbow up.
   Arm arm = two_link_arm();
   arm.controls[0] = {arm.controls[0].index, 0.3, 2.0, 0.6};
-  arm.controls[1].nominal = 1.0;
-  IkOptions once;
+  IkOptions once = exactly();
   once.restarts = 0;
   const Eigen::Vector2d target = arm.target(two_link_tip(1.0, -1.2));
   const IkResult stuck = SoftIk(arm.scene, arm.channels, arm.controls, once).solve(target);
-  const IkResult result = SoftIk(arm.scene, arm.channels, arm.controls).solve(target);
+  const IkResult result = SoftIk(arm.scene, arm.channels, arm.controls, exactly()).solve(target);
   ASSERT_EQ(result.status, IkStatus::reached) << result.message;
   EXPECT_LE((result.controls - Eigen::Vector2d(1.0, -1.2)).norm(), 1e-4);
   EXPECT_EQ(stuck.status, IkStatus::unreachable) << stuck.message;
@@ -122,7 +128,7 @@ TEST(SoftIk, AnotherStartLeadsOutOfALocalMinimum) {
 
 TEST(SoftIk, APathOfTargetsTakesFewerFactorisationsThanColdSolves) {
   const Arm arm = two_link_arm();
-  SoftIk warm(arm.scene, arm.channels, arm.controls), cold(arm.scene, arm.channels, arm.controls);
+  SoftIk warm(arm.scene, arm.channels, arm.controls, exactly()), cold(arm.scene, arm.channels, arm.controls, exactly());
   int most_warm = 0, fewest_cold = std::numeric_limits<int>::max();
   for (int k = 0; k < 20; ++k) {
     const Eigen::Vector2d position(0.08 - 0.001 * k, 0.02 + 0.002 * k);
@@ -146,7 +152,7 @@ TEST(SoftIk, WithMoreControlsThanTargetsTheNominalOnesDecide) {
   // in fractions of the ranges, by Lagrange's condition: d/R^2 is parallel to the gradient of the height.
   Arm arm = two_link_arm();
   arm.channels = {arm.channels[1]};
-  SoftIk ik(arm.scene, arm.channels, arm.controls);
+  SoftIk ik(arm.scene, arm.channels, arm.controls, exactly());
   for (double height : {0.03, 0.05}) {
     const IkResult result = ik.solve(vec({height}));
     ASSERT_EQ(result.status, IkStatus::reached) << result.message;
@@ -156,6 +162,47 @@ TEST(SoftIk, WithMoreControlsThanTargetsTheNominalOnesDecide) {
     const Eigen::Vector2d pull((a - 0.0) / (3.0 * 3.0), (b - 0.5) / (5.0 * 5.0));
     EXPECT_NEAR(gradient[0] * pull[1] - gradient[1] * pull[0], 0, 0.01 * gradient.norm() * pull.norm()) << height;
   }
+}
+
+TEST(SoftIk, ANearTargetTakesFewFactorisationsAndIsMetWithinTheTolerance) {
+  const Arm arm = two_link_arm();
+  SoftIk ik(arm.scene, arm.channels, arm.controls);
+  int factorisations = 0, trials = 0;
+  constexpr int targets = 20;
+  for (int k = 0; k <= targets; ++k) {
+    const Eigen::Vector2d position(0.08 - 0.001 * k, 0.02 + 0.002 * k);
+    const IkResult result = ik.solve(arm.target(position));
+    ASSERT_EQ(result.status, IkStatus::reached) << result.message;
+    EXPECT_LE((arm.position(result) - position).norm(), IkOptions().tolerance);
+    EXPECT_LE((two_link_tip(result.controls[0], result.controls[1]) - position).norm(), IkOptions().tolerance + 1e-6);
+    if (k == 0) continue;  // from rest
+    factorisations += result.factorisations;
+    trials += result.iterations;
+  }
+  RecordProperty("factorisations", factorisations);
+  RecordProperty("trials", trials);
+  EXPECT_LE(factorisations, 3 * targets);
+  EXPECT_LE(trials, 2 * targets);
+}
+
+TEST(SoftIk, WhatIsOutOfReachCostsNoMoreThanFiveTargetsInReach) {
+  const Arm arm = two_link_arm();
+  const Eigen::Vector2d base(arm_base, 0);
+  const auto at = [&](double radius, double angle) {
+    return arm.target(base + radius * Eigen::Vector2d(std::cos(angle), std::sin(angle)));
+  };
+  SoftIk near(arm.scene, arm.channels, arm.controls), far(arm.scene, arm.channels, arm.controls);
+  const int reached = near.solve(at(0.06, 0.6)).factorisations;
+  EXPECT_LE(far.solve(at(0.12, 0.6)).factorisations, 5 * reached) << "from rest";
+  int steps = 0, edge = 0;
+  for (int k = 1; k <= 10; ++k) {
+    steps += near.solve(at(0.06, 0.6 + 0.02 * k)).factorisations;
+    const IkResult result = far.solve(at(0.12, 0.6 + 0.02 * k));
+    EXPECT_EQ(result.status, IkStatus::unreachable) << result.message;
+    EXPECT_NEAR(result.error, 0.12 - 2 * arm_link, 1e-5);
+    edge += result.factorisations;
+  }
+  EXPECT_LE(edge, 5 * steps) << "along the edge";
 }
 
 // ---------------------------------------------------------------------------------------------------------------------
@@ -211,7 +258,7 @@ Eigen::Vector2d forward(const Beam& beam, double bottom, double top) {
 
 TEST(SoftIk, ASoftBeamReachesWhatOtherControlsReached) {
   const Beam beam = soft_beam();
-  SoftIk ik(beam.scene, beam.channels, beam.controls);
+  SoftIk ik(beam.scene, beam.channels, beam.controls, exactly());
   for (const auto& [bottom, top] : {std::pair{0.002, 0.006}, {0.008, 0.001}, {0.005, 0.005}}) {
     const Eigen::Vector2d target = forward(beam, bottom, top);
     const IkResult result = ik.solve(target);
@@ -224,9 +271,49 @@ TEST(SoftIk, ASoftBeamReachesWhatOtherControlsReached) {
   }
 }
 
+TEST(SoftIk, OfAllPairsOfRetractionsThatReachAHeightTheNearestToTheNominalOneIsTaken) {
+  const Beam beam = soft_beam();
+  const double target = 0.003;
+  const auto fraction = [&](double c, size_t j) {
+    return (c - beam.controls[j].nominal) / (beam.controls[j].upper - beam.controls[j].lower);
+  };
+  // By brute force: for each bottom retraction the top one that reaches the height, by the secant method.
+  Equilibrium equilibrium(*beam.scene.model);
+  equilibrium.start_at_rest(beam.scene.values);
+  const auto height = [&](double bottom, double top) {
+    Params p = beam.scene.values;
+    p[beam.controls[0].index] = bottom;
+    p[beam.controls[1].index] = top;
+    EXPECT_EQ(equilibrium.solve(p).status, SolveStatus::converged);
+    return beam.up.dot(equilibrium.u());
+  };
+  double least = std::numeric_limits<double>::infinity();
+  for (double bottom = -0.001; bottom <= 0.003; bottom += 0.00025) {
+    double last = 0.003, top = 0.004, before = height(bottom, last);
+    for (int k = 0; k < 20 && std::abs(top - last) > 1e-9; ++k) {
+      const double now = height(bottom, top);
+      const double next = top - (now - target) * (top - last) / (now - before);
+      last = top;
+      before = now;
+      top = next;
+    }
+    least = std::min(least, std::hypot(fraction(bottom, 0), fraction(top, 1)));
+  }
+  const std::vector<IkChannel> channels{beam.channels[1]};
+  for (double tolerance : {1e-4, 1e-6}) {
+    IkOptions options;
+    options.tolerance = tolerance;
+    const IkResult result = SoftIk(beam.scene, channels, beam.controls, options).solve(vec({target}));
+    ASSERT_EQ(result.status, IkStatus::reached) << result.message;
+    EXPECT_NEAR(height(result.controls[0], result.controls[1]), target, tolerance);
+    const double distance = std::hypot(fraction(result.controls[0], 0), fraction(result.controls[1], 1));
+    EXPECT_NEAR(distance, least, 0.05 * least) << tolerance;
+  }
+}
+
 TEST(SoftIk, SlackCablesAreTightenedUntilTheyHaveAnEffect) {
   const Beam beam = soft_beam(2e-6, -0.004, -0.003);
-  SoftIk ik(beam.scene, beam.channels, beam.controls);
+  SoftIk ik(beam.scene, beam.channels, beam.controls, exactly());
   const Eigen::Vector2d target = forward(beam, 0.003, 0.006);
   const IkResult result = ik.solve(target);
   ASSERT_EQ(result.status, IkStatus::reached) << result.message;
@@ -286,6 +373,41 @@ TEST(SlowSoftIk, CoContractionReachesAPoseAndAStiffnessBetweenTheLeastAndTheLarg
   const IkResult beyond = ik.solve(vec({target}), 3 * largest);
   EXPECT_EQ(beyond.status, IkStatus::unreachable) << beyond.message;
   EXPECT_NE(beyond.message.find("N/m instead of"), std::string::npos) << beyond.message;
+}
+
+TEST(SoftIk, TheSlopesOfAStiffnessAreThoseOfEquilibriaSolvedAgain) {
+  for (double smoothing : {0.01, 2e-6}) {
+    const Beam beam = soft_beam(smoothing);
+    Equilibrium equilibrium(*beam.scene.model);
+    equilibrium.start_at_rest(beam.scene.values);
+    Params p = beam.scene.values;
+    p[beam.controls[0].index] = 0.003;
+    p[beam.controls[1].index] = 0.007;
+    p[beam.force] = 0.05;
+    ASSERT_EQ(equilibrium.solve(p).status, SolveStatus::converged);
+    const std::vector<int> indices{beam.controls[0].index, beam.controls[1].index, beam.force,
+                                   beam.scene.model->parameters().index("E_foam")};
+    const Eigen::VectorXd steps = vec({1e-6, 1e-6, 1e-4, 1.0});
+    const Eigen::RowVectorXd slopes = log_stiffness_slopes(equilibrium, beam.up, indices, steps);
+    for (size_t j = 0; j < indices.size(); ++j) {
+      // Differences of orders two at two widths, extrapolated.
+      const auto difference = [&](double step) {
+        double k[2];
+        for (int side : {0, 1}) {
+          Params moved = p;
+          moved[indices[j]] += side == 0 ? step : -step;
+          Equilibrium other(*beam.scene.model);
+          other.start_at(equilibrium.u(), p);
+          EXPECT_EQ(other.solve(moved).status, SolveStatus::converged);
+          k[side] = stiffness_along(other, beam.up);
+        }
+        return std::log(k[0] / k[1]) / (2 * step);
+      };
+      const double step = 20 * steps[static_cast<Eigen::Index>(j)];
+      const double expected = (4 * difference(step) - difference(2 * step)) / 3;
+      EXPECT_NEAR(slopes[static_cast<Eigen::Index>(j)], expected, 1e-5 * std::abs(expected)) << j << ' ' << smoothing;
+    }
+  }
 }
 
 TEST(SoftIk, ChannelsThatDependOnAControlDirectlyAreFollowedInFewSteps) {
