@@ -90,10 +90,6 @@ Experiment as_solid(const Experiment& experiment, int depth_cells) {
     if (support.rotation_stiffness) refuse("a face is fixed or free; take 'rotation_stiffness' out");
     if (support.fix.size() == 2) support.fix.push_back(2);
   }
-  SupportSettings symmetry;
-  symmetry.on = "symmetry";
-  symmetry.fix = {2};
-  solid.supports.push_back(symmetry);
   for (LoadSettings& load : solid.loads) {
     deepen(load.point);
     deepen(load.direction);

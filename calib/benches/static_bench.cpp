@@ -42,6 +42,9 @@ std::string geometry_text(const GeometrySettings& geometry) {
   if (geometry.dimension == 2)
     text += fmt::format(", plane {}, {} thick", geometry.plane == Plane::strain ? "strain" : "stress",
                         with_unit(geometry.thickness, "m"));
+  std::vector<std::string> planes;
+  for (const SymmetryPlane& plane : geometry.shape->symmetry()) planes.push_back(plane.tag);
+  if (!planes.empty()) text += fmt::format(", the part of it that ends at {}", join(planes, " and "));
   return text;
 }
 

@@ -279,8 +279,15 @@ void read_contact(TableReader table, Experiment& experiment) {
   SurfaceSettings& contact = experiment.contact;
   contact.on = table.boolean("on", true);
   if (!contact.on) return table.finish();  // keys that would have no effect are refused
-  if (experiment.geometry.dimension != 2) table.fail("", "contact is for 2D geometries; remove [contact]");
-  if (experiment.geometry.shape->defaults().contact) contact.compensate = table.boolean("compensate", true);
+  const int dimension = experiment.geometry.dimension;
+  const bool closes = experiment.geometry.shape->defaults().contact;
+  if (dimension != 2 && !closes)
+    table.fail("", "contact is for 2D geometries, and modules whose lips close; remove [contact]");
+  if (closes) contact.compensate = table.boolean("compensate", true);
+  if (dimension == 3) {
+    read_surroundings(table, dimension, contact);
+    return table.finish();
+  }
   contact.form = table.choice<ContactForm>("form", {{"length_weighted", ContactForm::length_weighted},
                                                     {"pair_sum", ContactForm::pair_sum},
                                                     {"pair_sum_dedup", ContactForm::pair_sum_dedup}});

@@ -16,6 +16,10 @@ namespace {
 
 using Eigen::Vector3d;
 constexpr double edge_reach = 0.25;  ///< of the gap: where the barrier of two edges begins
+/// [rad] Between facets as flat as this a vertex is over an edge or a vertex within d times as much only, and by
+/// symmetry or rounding alone. Their curvature 1/d, which pushes it aside, ends with that; a state that is held by all
+/// else would count as unstable.
+constexpr double blunt = 0.01;
 
 }  // namespace
 
@@ -110,6 +114,13 @@ struct SpaceSurface : ContactSurface<3, Contact3dSettings> {
     return {s.from(a, b), s.from(c, d), 1e-3 * one * one * two * two};
   }
   void differentiate(const State& s, const Interaction& i, const OfDistance& f, Local& out) const;
+  /// Whether the triangles around an edge or a vertex all face along `normal`, to a hundredth.
+  bool is_blunt(const State& s, std::span<const int> around, const Vector3d& normal) const {
+    return !around.empty() && std::all_of(around.begin(), around.end(), [&](int t) {
+      const auto& [a, b, c] = triangles[t];
+      return s.from(a, b).cross(s.from(a, c)).normalized().cross(normal).norm() < blunt;
+    });
+  }
   struct EdgesDistance {
     FeatureDistance distance;
     std::array<int, 4> position{};  ///< of the distance's vertices among the four of the edges
@@ -319,16 +330,18 @@ std::vector<Interaction> SpaceSurface::interactions(const State& s, const Params
 
 void SpaceSurface::differentiate(const State& s, const Interaction& i, const OfDistance& f, Local& out) const {
   using Kind = Interaction::Kind;
-  const auto take = [&](std::initializer_list<int> vertices, const FeatureDistance& distance) {
+  const auto take = [&](std::initializer_list<int> vertices, FeatureDistance distance,
+                        std::span<const int> around = {}) {
+    if (f.wants_hessian && i.weight > 0 && is_blunt(s, around, distance.normal)) distance.round = false;
     out.use(nodes, vertices);
     out.gradient = f.first * distance.gradient();
     if (f.wants_hessian) out.hessian = distance.hessian(f.first, f.second);
   };
   if (i.kind == Kind::vertex) {
-    take({i.first, i.second}, FeatureDistance::point_point(s.from(i.second, i.first)));
+    take({i.first, i.second}, FeatureDistance::point_point(s.from(i.second, i.first)), triangles_at[i.second]);
   } else if (i.kind == Kind::edge) {
     const auto& [c, d] = edges[i.second];
-    take({i.first, c, d}, FeatureDistance::point_line(s.from(c, i.first), s.from(c, d)));
+    take({i.first, c, d}, FeatureDistance::point_line(s.from(c, i.first), s.from(c, d)), triangles_at_edge[i.second]);
   } else if (i.kind == Kind::triangle) {
     const auto& [c, d, e] = triangles[i.second];
     take({i.first, c, d, e}, FeatureDistance::point_plane(s.from(c, i.first), s.from(c, d), s.from(c, e)));

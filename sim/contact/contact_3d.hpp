@@ -55,6 +55,8 @@ struct SpaceSurface;
 /// node (`smallest_distance` at rest); pairs closer than dhat at rest push from the start. Bodies stand s dhat apart.
 /// Curved quadratic facets are seen as their four flat triangles.
 ///
+/// The Hessian takes edges and vertices between facets that are flat to a hundredth for planes.
+///
 /// The energy is +inf for a node on a triangle or behind a ground, and for edges that meet. That surfaces have crossed
 /// is not seen: `step_limit` prevents it and `intersects` proves it.
 ///

@@ -86,12 +86,12 @@ FeatureDistance::Vector FeatureDistance::gradient() const {
 FeatureDistance::Matrix FeatureDistance::hessian(double first, double second) const {
   Eigen::Matrix2d inverse = Eigen::Matrix2d::Zero();
   Eigen::Matrix3d across = Eigen::Matrix3d::Zero();
-  if (parameters == 0) across = Eigen::Matrix3d::Identity() - normal * normal.transpose();
+  if (round && parameters == 0) across = Eigen::Matrix3d::Identity() - normal * normal.transpose();
   if (parameters == 1) {
     const double square = tangents.col(0).squaredNorm();
     inverse(0, 0) = 1 / square;
     const Vector3d side = normal.cross(tangents.col(0));
-    across = side * side.transpose() / square;
+    if (round) across = side * side.transpose() / square;
   }
   if (parameters == 2) {
     // Adjugate over |t1 x t2|^2, which does not cancel where the two are nearly parallel.

@@ -37,6 +37,7 @@ struct FeatureDistance {
 
   int vertices = 0;    ///< 2 to 4
   int parameters = 0;  ///< 0 to 2
+  bool round = true;   ///< whether the Hessian has P / d; without it a point or a line is like a plane across n
   double value = 0;    ///< d [m]
   Eigen::Vector3d normal = Eigen::Vector3d::Zero();
   Eigen::Vector4d coefficients = Eigen::Vector4d::Zero();                      ///< c

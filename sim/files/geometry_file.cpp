@@ -137,7 +137,7 @@ GeometrySettings read_geometry(TableReader table, const std::string& path, const
 
 void read_mesh(TableReader& table, const GeometrySettings& geometry, MeshSettings& settings) {
   for (const MeshKey& key : geometry.shape->mesh_keys()) read_mesh_key(table, key, geometry.dimension, settings);
-  if (geometry.dimension == 2) {
+  if (geometry.dimension == 2 || geometry.shape->defaults().contact) {
     if (const auto gap = table.optional_positive("contact_gap", Quantity::length, "contact gap"))
       settings.contact_gap = *gap;
   }

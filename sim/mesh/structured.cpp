@@ -61,6 +61,10 @@ std::vector<double> graded(double length, int cells, double ratio) {
   return x;
 }
 
+int cells_along(double length, double size, int at_least) {
+  return std::max(at_least, static_cast<int>(std::lround(length / size)));
+}
+
 void step_to(std::vector<double>& x, double end, int cells) {
   const double begin = x.back();
   for (int k = 1; k < cells; ++k) x.push_back(begin + (end - begin) * k / cells);
@@ -144,6 +148,41 @@ void map_vertices(Mesh& mesh, const std::function<Eigen::VectorXd(const Eigen::V
   }
   straighten(mesh);
   mesh.check("map_vertices");
+}
+
+Mesh part_of(const Mesh& whole, const std::function<bool(const Eigen::VectorXd&)>& keep) {
+  const int d = whole.dimension();
+  Mesh part;
+  part.shape = whole.shape;
+  part.region_names = whole.region_names;
+  std::vector<int> number(whole.node_count(), -1);
+  for (int e = 0; e < whole.element_count(); ++e) {
+    if (!keep(whole.centroid(e))) continue;
+    part.elements.insert(part.elements.end(), whole.element(e), whole.element(e) + whole.nodes_per_element());
+    part.region.push_back(whole.region[e]);
+  }
+  for (int node : part.elements) number[node] = 0;
+  int count = 0;
+  for (int& n : number) {
+    if (n == 0) n = count++;
+  }
+  part.X.resize(d * count);
+  for (int node = 0; node < whole.node_count(); ++node) {
+    const int n = number[node];
+    if (n >= 0) part.X.segment(d * n, d) = whole.node(node);
+  }
+  for (int& node : part.elements) node = number[node];
+  for (const auto& [name, tag] : whole.tags) {
+    Tag own{tag.dimension, tag.nodes_per_entity, {}};
+    for (int k = 0; k < tag.count(); ++k) {
+      const auto first = tag.entities.begin() + static_cast<std::ptrdiff_t>(k) * tag.nodes_per_entity;
+      const auto is_gone = [&](int node) { return number[node] < 0; };
+      if (std::any_of(first, first + tag.nodes_per_entity, is_gone)) continue;
+      for (auto node = first; node != first + tag.nodes_per_entity; ++node) own.entities.push_back(number[*node]);
+    }
+    part.tags[name] = own;
+  }
+  return part;
 }
 
 void assign_regions(Mesh& mesh, const std::function<std::string(const Eigen::VectorXd&)>& name_at) {

@@ -11,6 +11,9 @@ namespace taut {
 /// ratio = 1 is uniform; ratio > 1 makes the cells at 0 the finest. Errors: InputError for cells < 1 or ratio <= 0.
 std::vector<double> graded(double length, int cells, double ratio = 1.0);
 
+/// How many cells of about `size` a length takes, `at_least` so many.
+int cells_along(double length, double size, int at_least = 1);
+
 /// Appends `cells` equal steps up to `end`, which is exact.
 void step_to(std::vector<double>& x, double end, int cells);
 
@@ -31,6 +34,9 @@ Mesh box(const std::vector<double>& x, const std::vector<double>& y, const std::
 /// Moves every vertex by `map` and, on quadratic meshes, puts mid-nodes back on straight edges: Cook's membrane from a
 /// square, an irregular patch from a regular one.
 void map_vertices(Mesh& mesh, const std::function<Eigen::VectorXd(const Eigen::VectorXd&)>& map);
+
+/// The elements whose centroid `keep` accepts, and the nodes and tagged entities that are theirs.
+Mesh part_of(const Mesh& whole, const std::function<bool(const Eigen::VectorXd&)>& keep);
 
 /// Gives each element the region that `name_at(centroid)` returns.
 void assign_regions(Mesh& mesh, const std::function<std::string(const Eigen::VectorXd&)>& name_at);

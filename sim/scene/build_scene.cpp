@@ -89,6 +89,7 @@ class Assembler {
     if (!setup_.gravity_direction.empty()) built_.off_at_rest.push_back(built_.gravity);
     add_materials();
     declare_controls();
+    add_symmetry();
     add_supports();
     for (const LoadSettings& load : setup_.loads)
       at(setup_, fmt::format("[[load]] '{}'", load.id), [&] { add_load(load); });
@@ -173,6 +174,106 @@ class Assembler {
     }
   }
 
+  /// A part of a body is held in its planes of symmetry, and all else has to be its own mirror image.
+  void add_symmetry() {
+    for (const BodySettings& body : setup_.bodies) {
+      for (const SymmetryPlane& plane : symmetry_of(body)) {
+        const std::string where = body.name.empty() ? "[geometry]" : fmt::format("[[body]] '{}'", body.name);
+        at(setup_, where, [&] { add_plane(body, plane); });
+      }
+    }
+    if (planes_.empty()) return;
+    const auto check = [&](const std::string& where, const std::vector<double>& direction) {
+      for (size_t c = 0; c < direction.size(); ++c) {
+        if (planes_.contains(static_cast<int>(c)) && direction[c] != 0)
+          at(setup_, where, [&] { refuse_asymmetric(static_cast<int>(c), "its direction leaves"); });
+      }
+    };
+    check("[gravity]", setup_.gravity_direction);
+    for (const StudSettings& stud : setup_.studs.studs) check(fmt::format("[[stud]] '{}'", stud.id), stud.direction);
+    for (const GroundSettings& ground : setup_.contact.grounds)
+      check("[[contact.ground]]", {ground.normal.begin(), ground.normal.end()});
+    for (const LoadSettings& load : setup_.loads) {
+      const std::string where = fmt::format("[[load]] '{}'", load.id);
+      check(where, load.direction);
+      at(setup_, where, [&] {
+        for (const auto& [component, plane] : planes_) {
+          if (!meets(component, load.on, load.point)) refuse_asymmetric(component, "its place does not reach");
+        }
+      });
+    }
+    for (const ChannelSettings& channel : setup_.channels)
+      at(setup_, fmt::format("[[channel]] '{}'", channel.id), [&] { check_symmetric(channel); });
+  }
+
+  void add_plane(const BodySettings& body, const SymmetryPlane& plane) {
+    if (setup_.bodies.size() > 1)
+      throw InputError("a part of a body stands for all of it where it is alone; take the whole body beside others");
+    const int d = builder_.mesh().dimension();
+    const Eigen::VectorXd normal = rotation_of(body, d).col(plane.component).cwiseAbs();
+    int component = 0;
+    if (normal.maxCoeff(&component) < 1 - 1e-12)
+      throw InputError(
+          fmt::format("its plane of symmetry '{}' is turned out of the planes of coordinates; take the "
+                      "whole body, or do not turn it about an axis in that plane",
+                      plane.tag));
+    const std::string tag = body.name.empty() ? plane.tag : body.name + "." + plane.tag;
+    planes_[component] = {tag, placed(body, Eigen::VectorXd::Zero(d))[component]};
+    builder_.fix(tag, {component});
+  }
+
+  [[noreturn]] void refuse_asymmetric(int component, const std::string& why) const {
+    throw InputError(
+        fmt::format("{} the plane of symmetry '{}', where {} is constant, and the other half would have "
+                    "the mirror image; take the whole body",
+                    why, planes_.at(component).tag, "xyz"[component]));
+  }
+
+  /// A mean over what a plane of symmetry cuts is that of the whole body along the plane only, and a turn about its
+  /// normal only.
+  void check_symmetric(const ChannelSettings& channel) const {
+    if (!planes_.empty() && channel.kind->on == ChannelKind::On::body)
+      throw InputError(fmt::format("a {} is that on a whole body; take it", channel.kind->name));
+    for (const auto& [component, plane] : planes_) {
+      for (int c = 0; c < static_cast<int>(channel.direction.size()); ++c) {
+        const bool turns = channel.kind->directed == ChannelKind::Directed::in_space;
+        if (channel.direction[static_cast<size_t>(c)] == 0 || (c == component) == turns || !channel.point.empty())
+          continue;
+        const bool is_body =
+            std::ranges::any_of(builder_.mesh().parts, [&](const Part& part) { return part.name == channel.on; });
+        if (turns || is_body || meets(component, channel.on, {}))
+          refuse_asymmetric(component, turns ? "it turns about an axis that is not across" : "its direction leaves");
+      }
+    }
+  }
+
+  /// Whether a point, or a tag, has a part in the plane of symmetry across a coordinate.
+  bool meets(int component, const std::string& tag, const std::vector<double>& point) const {
+    const Mesh& mesh = builder_.mesh();
+    const auto on_plane = [&](const Eigen::VectorXd& place) {
+      return std::abs(place[component] - planes_.at(component).at) < 1e-9 * mesh.diagonal();
+    };
+    if (!point.empty()) return on_plane(vector_of(point));
+    const std::vector<int> nodes = mesh.select(tag).nodes();
+    return std::any_of(nodes.begin(), nodes.end(), [&](int node) { return on_plane(mesh.node(node)); });
+  }
+
+  /// Of what passes these points, the share that is in the model: all of it beside a plane of symmetry, half in it.
+  double share_at(const std::vector<Eigen::VectorXd>& points) const {
+    double share = 1;
+    for (const auto& [component, plane] : planes_) {
+      const auto is_in = [&, c = component](const Eigen::VectorXd& point) {
+        return meets(c, "", {point.begin(), point.end()});
+      };
+      const auto in_plane = std::ranges::count_if(points, is_in);
+      if (in_plane == std::ssize(points))
+        share *= 0.5;
+      else if (in_plane > 0)
+        refuse_asymmetric(component, "it begins or ends in");
+    }
+    return share;
+  }
+
   void add_supports() {
     for (const BodySettings& body : setup_.bodies) {
       for (const auto& [tag, components] : body.fixed)
@@ -187,14 +288,16 @@ class Assembler {
     }
   }
 
-  /// Half of a force or a hung mass on one half of a solid.
-  void add_half_load(const LoadSettings& load, int control, int times) {
+  /// Its share of a force or a hung mass on a part of a body.
+  void add_shared_load(const LoadSettings& load, int control, int times) {
     const Mesh& mesh = builder_.mesh();
     const int cells = depth_cells(setup_);
     const Eigen::VectorXd direction = vector_of(load.direction);
     Eigen::VectorXd weights = Eigen::VectorXd::Zero(mesh.X.size());
     if (load.point.empty()) {
       weights = mean_weights(mesh, mesh.select(load.on), direction);
+    } else if (cells == 0) {
+      weights = point_weights(mesh, locate(mesh, vector_of(load.point)), direction.normalized());
     } else {
       // Simpson's rule over each layer: exact for what elements up to quadratic ones interpolate.
       double depth = 0;
@@ -206,7 +309,7 @@ class Assembler {
         weights += weight * point_weights(mesh, locate(mesh, point), direction);
       }
     }
-    builder_.add_load(0.5 * weights, {control, times});
+    builder_.add_load(setup_.share() * weights, {control, times});
   }
 
   void add_load(const LoadSettings& load) {
@@ -220,8 +323,8 @@ class Assembler {
     const Eigen::VectorXd direction = vector_of(load.direction);
     const bool mass = load.quantity == Quantity::mass;
     const int times = mass ? built_.gravity : -1;
-    if (depth_cells(setup_) > 0 && (mass || load.quantity == Quantity::force)) {
-      add_half_load(load, control, times);
+    if (!planes_.empty() && (mass || load.quantity == Quantity::force)) {
+      add_shared_load(load, control, times);
     } else if (!load.point.empty()) {
       builder_.add_point_force(vector_of(load.point), direction, control, times);
     } else if (load.quantity == Quantity::pressure) {
@@ -231,7 +334,10 @@ class Assembler {
     } else {
       builder_.add_force(load.on, direction, control, times);
     }
-    if (mass && options_.over_time) builder_.add_point_mass(load.on, control);
+    if (!mass || !options_.over_time) return;
+    if (!planes_.empty())
+      throw InputError("a mass that moves has inertia across a plane of symmetry too; take the whole body");
+    builder_.add_point_mass(load.on, control);
   }
 
   static bool shares_law(const CableSettings& cable) { return !cable.own && !cable.held; }
@@ -337,9 +443,9 @@ class Assembler {
         made.slack = shared_slack;
         made.smoothing = setup_.cables.smoothing;
       }
-      made.share = setup_.share();
       if (!cable.control.empty() && !cable.held) made.retraction = index_of(cable.control);
       const std::vector<Eigen::VectorXd> points = points_of(cable);
+      made.share = share_at(points);
       const Mesh& mesh = builder_.mesh();
       for (size_t i = 0; i < points.size(); ++i) {
         const bool fixed =
@@ -406,12 +512,25 @@ class Assembler {
     builder_.add_play(play);
   }
 
+  /// Of the whole body along the axes [m].
+  Eigen::VectorXd whole_extent() const {
+    const Mesh& mesh = builder_.mesh();
+    const int d = mesh.dimension();
+    const auto places = mesh.X.reshaped(d, mesh.node_count());
+    Eigen::VectorXd extent = places.rowwise().maxCoeff() - places.rowwise().minCoeff();
+    for (const auto& [component, plane] : planes_) extent[component] *= 2;
+    return extent;
+  }
+
   /// The pressure at which two faces rest half a contact gap apart, region by region; fixed for a run. Too small, and
   /// faces come so near that the Hessian is ill-conditioned; too large, and the barrier acts within a sliver of its gap
   /// that Newton's method finds and loses again. Soft bodies bear pressures of about their modulus; what presses stiff
   /// ones together are the forces that the soft ones, the cables against them, and the loads bring.
   std::map<std::string, double> contact_pressures() const {
-    const double load = options_.largest_force / (0.05 * builder_.mesh().diagonal() * setup_.thickness);
+    const bool swept = builder_.mesh().dimension() == 2 || depth_cells(setup_) > 0;
+    const double area =
+        swept ? builder_.mesh().diagonal() * setup_.thickness : whole_extent().norm() * whole_extent().minCoeff();
+    const double load = options_.largest_force / (0.05 * area);
     std::map<std::string, double> pressures;
     for (const MaterialSettings& material : setup_.materials) {
       double& pressure = pressures[material.region];
@@ -454,6 +573,8 @@ class Assembler {
     double diagonal = builder_.mesh().diagonal();
     if (depth_cells(setup_) > 0)  // that of the section
       diagonal = std::sqrt(std::pow(diagonal, 2) - std::pow(setup_.thickness / 2, 2));
+    else if (!planes_.empty())
+      diagonal = whole_extent().norm();
     const double gap = settings.gap > 0 ? settings.gap : contact_gap(setup_.bodies.front().mesh, diagonal);
     if (builder_.mesh().dimension() == 2) {
       built_.contact =
@@ -474,8 +595,15 @@ class Assembler {
     return reading;
   }
 
+  /// A plane of symmetry of the only body there is.
+  struct Plane {
+    std::string tag;
+    double at;  ///< its coordinate [m]
+  };
+
   const Setup& setup_;
   const SceneOptions& options_;
+  std::map<int, Plane> planes_;  ///< by the component that is constant
   SceneBuilder builder_;
   BuiltScene built_;
 };

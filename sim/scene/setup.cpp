@@ -3,10 +3,19 @@
 #include <fmt/format.h>
 
 #include <Eigen/Geometry>
+#include <cmath>
 
 #include "sim/core/error.hpp"
 
 namespace taut {
+
+double Setup::share() const {
+  return std::pow(0.5, symmetry_of(bodies.front()).size());
+}
+
+std::vector<SymmetryPlane> symmetry_of(const BodySettings& body) {
+  return body.mesh.depth_cells > 0 ? std::vector<SymmetryPlane>{{"symmetry", 2}} : body.geometry.shape->symmetry();
+}
 
 Eigen::MatrixXd rotation_of(const BodySettings& body, int dimension) {
   Eigen::VectorXd signs = Eigen::VectorXd::Ones(dimension);

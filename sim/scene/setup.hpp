@@ -204,9 +204,12 @@ struct Setup {
                                            [](const MaterialSettings& material) { return !material.prony.empty(); });
   }
 
-  /// Of the whole body in the model: one half of a solid has a plane of symmetry.
-  double share() const { return bodies.front().mesh.depth_cells > 0 ? 0.5 : 1.0; }
+  /// Of the whole body in the model: every plane of symmetry halves it.
+  double share() const;
 };
+
+/// The planes of symmetry of what a body's mesh is: a part of a shape, or one half of a solid (mesh.depth_cells).
+std::vector<SymmetryPlane> symmetry_of(const BodySettings& body);
 
 /// How a body is mirrored and turned before it is shifted, an orthogonal matrix.
 Eigen::MatrixXd rotation_of(const BodySettings& body, int dimension);

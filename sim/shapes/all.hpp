@@ -6,6 +6,7 @@
 #include "sim/shapes/mesh_file.hpp"
 #include "sim/shapes/outlines.hpp"
 #include "sim/shapes/push_puppet.hpp"
+#include "sim/shapes/push_puppet_3d.hpp"
 #include "sim/shapes/revolved.hpp"
 #include "sim/shapes/sheet.hpp"
 #include "sim/shapes/twist.hpp"
@@ -13,7 +14,7 @@
 namespace taut {
 
 /// The list of specimens, in the order in which messages name them.
-using AllShapes =
-    std::tuple<Box, Rectangle, Boxes, Polygons, Disc, Revolved, PushPuppet, Finger, TwistModule, Sheet, MeshFile>;
+using AllShapes = std::tuple<Box, Rectangle, Boxes, Polygons, Disc, Revolved, PushPuppet, PushPuppet3d, Finger,
+                             TwistModule, Sheet, MeshFile>;
 
 }  // namespace taut

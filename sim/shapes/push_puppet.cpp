@@ -128,15 +128,19 @@ void PushPuppet::check() const {
 Mesh PushPuppet::mesh(const MeshSettings& settings, bool contact, bool compensate) const {
   const PushPuppetMesh resolution{settings.size, count(settings, "lip_cells"), settings.order};
   if (!contact) return mesh_push_puppet(*this, resolution);
-  const double contact_sets_in = contact_gap(settings, mesh_push_puppet(*this, resolution).diagonal());
-  const double largest = std::min(0.5 * gap_total / cells, via_inset);
-  if (contact_sets_in > largest) {
+  const double inset = closing_inset(*this, contact_gap(settings, mesh_push_puppet(*this, resolution).diagonal()));
+  return mesh_push_puppet(*this, resolution, compensate ? inset : 0.0);
+}
+
+double closing_inset(const PushPuppet& m, double contact_gap) {
+  const double largest = std::min(0.5 * m.gap_total / m.cells, m.via_inset);
+  if (contact_gap > largest) {
     throw InputError(fmt::format(
         "the contact gap of {:.4g} mm is too large for the module: faces would push each other at rest or lose "
         "their via points; set contact_gap below {:.4g} mm (half a gap between lips, and via_inset), or leave it out",
-        1e3 * contact_sets_in, 1e3 * largest));
+        1e3 * contact_gap, 1e3 * largest));
   }
-  return mesh_push_puppet(*this, resolution, compensate ? 0.5 * resting_distance * contact_sets_in : 0.0);
+  return 0.5 * resting_distance * contact_gap;
 }
 
 std::vector<Eigen::VectorXd> PushPuppet::cable(size_t index) const {

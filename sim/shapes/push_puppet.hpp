@@ -65,6 +65,14 @@ struct PushPuppetMesh {
   int order = 2;
 };
 
+/// Throws InputError about a mesh that cannot be, and about an `inset` [m] (see mesh_push_puppet()) that takes too much
+/// off.
+void check_resolution(const PushPuppet& module, const PushPuppetMesh& mesh, double inset);
+
+/// The inset [m] with which closed lips rest where the module's own do, under a contact that sets in at `contact_gap`
+/// [m]. Throws InputError for a contact gap of more than half a gap between lips, or than via_inset.
+double closing_inset(const PushPuppet& module, double contact_gap);
+
 /// Regions "foam" and "plastic"; tags "base" (left face of the base plate) and "tip" (right face of the tip plate).
 /// Symmetric about y = 0 to the last digit; foam is bonded to the webs only; nodes of faces that meet are not aligned.
 /// `inset` [m], less than via_inset, is taken off every lip's end face and off the sides of studs and grooves: a

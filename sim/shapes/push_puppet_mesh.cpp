@@ -18,10 +18,6 @@ std::vector<double> spread(double first, double last, int cells) {
   return lines;
 }
 
-int cells_along(double length, double size, int at_least = 1) {
-  return std::max(at_least, static_cast<int>(std::lround(length / size)));
-}
-
 /// `cells` elements over segments between `breaks`: each more goes where elements are longest. Along a segment the
 /// first element is longer than the mean by about the fraction `skew` and the last one shorter.
 std::vector<double> spread_over(const std::vector<double>& breaks, int cells, double skew = 0) {
@@ -290,7 +286,9 @@ class LipBuilder {
   PushPuppetLayout at_;
 };
 
-void check_mesh(const PushPuppet& m, const PushPuppetMesh& mesh, double inset) {
+}  // namespace
+
+void check_resolution(const PushPuppet& m, const PushPuppetMesh& mesh, double inset) {
   if (!(mesh.size > 0.0) || !std::isfinite(mesh.size)) {
     refuse_module(fmt::format("element size {}; a positive length is needed", in_mm(mesh.size)));
   }
@@ -313,11 +311,9 @@ void check_mesh(const PushPuppet& m, const PushPuppetMesh& mesh, double inset) {
   }
 }
 
-}  // namespace
-
 Mesh mesh_push_puppet(const PushPuppet& module, const PushPuppetMesh& settings, double inset) {
   module.check();
-  check_mesh(module, settings, inset);
+  check_resolution(module, settings, inset);
   const PushPuppetLayout at(module);
   const Lines lines(module, settings, inset);
   const std::vector<double> foam_lines(lines.web.begin(), lines.web.begin() + lines.foam_cells + 1);

@@ -93,6 +93,13 @@ struct ShapeDefaults {
   bool contact = false;  ///< between lips that close, the distance at which they rest taken off their faces
 };
 
+/// A plane of symmetry that bounds a part of a body: a coordinate is 0 on it, in the body's own frame, and not negative
+/// in the part.
+struct SymmetryPlane {
+  std::string tag;
+  int component;  ///< which coordinate
+};
+
 /// A kind of specimen: its dimensions are its members. A new one is one new file and its name in all.hpp: factory,
 /// files, messages, meshes, cables and drawings follow.
 class Shape {
@@ -118,6 +125,9 @@ class Shape {
   virtual std::vector<std::string> cable_names() const { return {}; }
   virtual std::vector<Eigen::VectorXd> cable(size_t) const { return {}; }  ///< see cable_names()
   virtual ShapeDefaults defaults() const { return {}; }                    ///< see ShapeDefaults
+
+  /// Of a part that stands for a whole body.
+  virtual std::vector<SymmetryPlane> symmetry() const { return {}; }
 
   /// Lengths along the axes [m], where it is made of such.
   virtual std::vector<double> extent() const { return {}; }

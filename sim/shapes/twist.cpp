@@ -4,51 +4,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <numbers>
 
 #include "sim/core/error.hpp"
 #include "sim/mesh/structured.hpp"
 
 namespace taut {
-namespace {
-
-/// The elements whose centroid `keep` accepts, and the nodes and tagged entities that are theirs.
-Mesh part_of(const Mesh& whole, const std::function<bool(const Eigen::VectorXd&)>& keep) {
-  Mesh part;
-  part.shape = whole.shape;
-  part.region_names = whole.region_names;
-  std::vector<int> number(whole.node_count(), -1);
-  for (int e = 0; e < whole.element_count(); ++e) {
-    if (!keep(whole.centroid(e))) continue;
-    part.elements.insert(part.elements.end(), whole.element(e), whole.element(e) + whole.nodes_per_element());
-    part.region.push_back(whole.region[e]);
-  }
-  for (int node : part.elements) number[node] = 0;
-  int count = 0;
-  for (int& n : number) {
-    if (n == 0) n = count++;
-  }
-  part.X.resize(3 * count);
-  for (int node = 0; node < whole.node_count(); ++node) {
-    const int n = number[node];
-    if (n >= 0) part.X.segment<3>(3 * n) = whole.node(node);
-  }
-  for (int& node : part.elements) node = number[node];
-  for (const auto& [name, tag] : whole.tags) {
-    Tag own{tag.dimension, tag.nodes_per_entity, {}};
-    for (int k = 0; k < tag.count(); ++k) {
-      const auto first = tag.entities.begin() + static_cast<std::ptrdiff_t>(k) * tag.nodes_per_entity;
-      const auto is_gone = [&](int node) { return number[node] < 0; };
-      if (std::any_of(first, first + tag.nodes_per_entity, is_gone)) continue;
-      for (auto node = first; node != first + tag.nodes_per_entity; ++node) own.entities.push_back(number[*node]);
-    }
-    part.tags[name] = own;
-  }
-  return part;
-}
-
-}  // namespace
 
 std::vector<ShapeKey> TwistModule::keys() {
   const Allowed any = Allowed::any(), positive = Allowed::positive(), counted = Allowed::at_least(1);

@@ -411,6 +411,53 @@ TEST(Contact3d, ANodeOverAFlatFaceCountsOnceOverEdgesAndVerticesToo) {
   }
 }
 
+/// Stiffness on the point of a needle that stands `height` over a place of a face, which is folded along x = 0.5 by
+/// twice `slope`: across the needle relative to the barrier's own along it, the extremes.
+std::pair<double, double> stiffness_across(double x, double y, double slope) {
+  const double dhat = 0.01, height = 0.006;
+  Surface surface;
+  surface.add_face({0, 0, 0}, {1, 0, 0}, {0, 1, 0}, 4, 4);
+  for (int node = 0; node < surface.nodes(); ++node)
+    surface.mesh.X[3 * node + 2] -= slope * std::abs(surface.mesh.X[3 * node] - 0.5);
+  add_needle(surface, {x, y, height - slope * std::abs(x - 0.5)}, {0, 0, 0.5});
+  const auto model =
+      term_under_test(surface.mesh, contact_table(), std::make_unique<Contact3d>(surface.mesh, surface.settings()),
+                      values(1, 1, dhat), surface.rest(), "needle");
+  const int tip = surface.nodes() - 3;
+  const Vector3d a = surface.mesh.node(tip), b = surface.mesh.node(tip + 1), c = surface.mesh.node(tip + 2);
+  const double along = (b - a).cross(c - a).norm() / 12 * Barrier{dhat}.curvature(height);
+  const Eigen::Matrix3d H = hessian_of(model.model, model.u, model.p).block<3, 3>(3 * tip, 3 * tip);
+  EXPECT_NEAR(H(2, 2) / along, 1, 1e-3);
+  const auto values = Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(H.topLeftCorner<2, 2>() / along).eigenvalues();
+  return {values[0], values[1]};
+}
+
+TEST(Contact3d, TheHessianTakesEdgesAndVerticesBetweenFacetsThatAreFlatToAHundredthForPlanes) {
+  // Inside a triangle, over edges along y, x and a diagonal.
+  for (const auto& [x, y] : {std::pair{0.3, 0.45}, {0.5, 0.3}, {0.3, 0.5}, {0.4, 0.6}}) {
+    for (double slope : {0.0, 1e-5, 5e-3}) {
+      const auto [least, most] = stiffness_across(x, y, slope);
+      EXPECT_GT(least, -1e-4) << x << ", " << y << " folded by " << slope;
+      EXPECT_LT(most, 1e-4) << x << ", " << y << " folded by " << slope;
+    }
+  }
+  // All nodes of one face over those of another.
+  const Surface aligned = faces(4, 4, 0.5e-3);
+  const auto two =
+      term_under_test(aligned.mesh, contact_table(), std::make_unique<Contact3d>(aligned.mesh, aligned.settings()),
+                      values(1, 1, 1e-3), aligned.rest(), "faces");
+  const Eigen::MatrixXd H = hessian_of(two.model, two.u, two.p);
+  std::array<double, 3> stiffness{};
+  for (int axis = 0; axis < 3; ++axis) {
+    Eigen::VectorXd shift = aligned.rest();
+    for (int node = 25; node < 50; ++node) shift[3 * node + axis] = 1;
+    stiffness[static_cast<size_t>(axis)] = shift.dot(H * shift);
+  }
+  EXPECT_LT(std::abs(stiffness[0]) + std::abs(stiffness[1]), 1e-9 * stiffness[2]);
+  // A sharper ridge pushes the needle aside.
+  EXPECT_LT(stiffness_across(0.5, 0.3, 0.05).first, -0.1);
+}
+
 TEST(Contact3d, ANodeBesideAConvexEdgeOrCornerCountsOnce) {
   for (const Vector3d& way : {Vector3d(0.02, 0.01, 0), Vector3d(0.01, 0.02, 0.015), Vector3d(0.03, 0, 0)}) {
     for (double z : {0.31, 0.5, 1.0}) {

@@ -1,0 +1,218 @@
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "sim/shapes/push_puppet_3d.hpp"
+#include "tests/support/message.hpp"
+#include "tests/support/static_bench.hpp"
+
+// The push-puppet module in space on a bench: its symmetries, its parts, its stiffnesses.
+namespace taut::test {
+namespace {
+
+/// What of a bench differs from test to test.
+struct Module3d {
+  std::string geometry;  ///< further keys
+  std::string mesh = "size = \"15 mm\"\nlip_cells = 1\nelement = \"linear\"\n";
+  std::string more;  ///< loads, channels and further tables
+  std::string from = "unloaded";
+  std::string cables = "[cables]\nk = \"20 kN/m\"\nretraction = \"retraction_mm\"\n";
+  std::string foam = "E = \"50 kPa\"\nnu = 0.2\n";
+};
+
+std::string toml_of(const Module3d& m) {
+  return R"(title = "Module in space"
+data = "simulated"
+[geometry]
+kind = "push_puppet_3d"
+)" + m.geometry +
+         "[mesh]\n" + m.mesh + "[materials.foam]\n" + m.foam + R"([materials.plastic]
+E = "2.3 GPa"
+nu = 0.35
+[[support]]
+on = "base"
+fix = ["x", "y", "z"]
+)" + m.cables +
+         m.more + "[bench]\nfile = \"bench.csv\"\nmeasured_from = \"" + m.from + "\"\n[fit.free.E_foam]\n";
+}
+
+std::string load(const std::string& id, const std::string& on, const std::string& direction,
+                 const std::string& column = "load_N") {
+  return "[[load]]\nid = \"" + id + "\"\non = \"" + on + "\"\ndirection = " + direction + "\ncolumn = \"" + column +
+         "\"\n";
+}
+
+std::string channel(const std::string& id, const std::string& direction, const std::string& on = "tip",
+                    const std::string& kind = "displacement") {
+  const std::string unit = kind == "rotation" ? "rad" : "mm";
+  return "[[channel]]\nid = \"" + id + "\"\nkind = \"" + kind + "\"\non = \"" + on + "\"\ndirection = " + direction +
+         "\ncolumn = \"" + id + "_" + unit + "\"\nnoise = { absolute = \"1 " + unit + "\" }\n";
+}
+
+const std::string along_x = channel("x", "[-1, 0, 0]"), along_y = channel("y", "[0, 1, 0]"),
+                  along_z = channel("z", "[0, 0, 1]");
+
+/// Readings of the channels, line by line of the bench.
+Eigen::VectorXd readings(const Module3d& module, const std::string& csv) {
+  const TemporaryFolder folder;
+  const Experiment e = experiment_in(folder, toml_of(module), csv);
+  const StaticReplay bench = bench_of(e);
+  Eigen::VectorXd values = predicted(bench).values;
+  const BenchModel model = make_model(e, e.mesh, read_trials(e.bench));
+  for (const auto& condition : bench.protocol->conditions()) {
+    const bool passed = model.intersects && model.intersects(condition.u);
+    EXPECT_FALSE(passed) << "lips have passed through each other";
+  }
+  return values;
+}
+
+const std::string two_cells = "cells = 2\ngap_total = \"8.6 mm\"\n";
+
+TEST(Module3d, AllCablesAlikeShortenItWithoutAnyLateralMotion) {
+  const Eigen::VectorXd tip = readings({.geometry = two_cells, .more = along_x + along_y + along_z, .from = "rest"},
+                                       "retraction_mm,x_mm,y_mm,z_mm\n4,0,0,0\n9,0,0,0\n");
+  for (Eigen::Index row : {0, 3}) {
+    EXPECT_GT(tip[row], row == 0 ? 3.5e-3 : 8.5e-3);
+    EXPECT_LT(std::abs(tip[row + 1]), 1e-9 * tip[row]);
+    EXPECT_LT(std::abs(tip[row + 2]), 1e-9 * tip[row]);
+  }
+  // Closed: gaps in all, and what the plastic gives.
+  EXPECT_LT(tip[3], 8.6e-3 + 20e-6);
+}
+
+/// Pushed by a force along y and by the same along z, at the same retraction.
+void expect_alike_both_ways(const std::string& retraction, double least) {
+  const std::string csv = "load_N,retraction_mm,y_mm,z_mm\n0.3," + retraction + ",0,0\n-0.3," + retraction + ",0,0\n";
+  Module3d m{.geometry = two_cells, .more = load("push", "tip", "[0, 1, 0]") + along_y + along_z};
+  const Eigen::VectorXd by_y = readings(m, csv);
+  m.more = load("push", "tip", "[0, 0, 1]") + along_y + along_z;
+  const Eigen::VectorXd by_z = readings(m, csv);
+  for (Eigen::Index row : {0, 2}) {
+    EXPECT_GT(std::abs(by_y[row]), least);
+    EXPECT_LT(std::abs(by_y[row]), 10 * least);
+    EXPECT_LT(std::abs(by_y[row + 1]), 1e-9 * std::abs(by_y[row])) << "across the load";
+    EXPECT_NEAR(by_z[row + 1] / by_y[row], 1, 1e-9) << "y and z exchanged";
+    EXPECT_LT(std::abs(by_z[row]), 1e-9 * std::abs(by_y[row]));
+  }
+  EXPECT_NEAR(by_y[2] / by_y[0], -1, 1e-9) << "the mirror image";
+}
+
+TEST(Module3d, LateralLoadsAreAlikeBothWaysAndMirroredOnesMirrorTheAnswer) {
+  expect_alike_both_ways("0", 0.1e-3);
+}
+
+TEST(SlowModule3d, ClosedTooLateralLoadsAreAlikeBothWays) {
+  expect_alike_both_ways("9", 2e-6);
+}
+
+/// The part and the whole, pushed along the part's planes of symmetry.
+void expect_same_as_whole(const std::string& part, const std::string& direction, const std::string& channels,
+                          const std::string& columns, const std::string& rows) {
+  const auto of_part = [&](const std::string& one) {
+    return readings({.geometry = two_cells + "part = \"" + one + "\"\n",
+                     .more = load("push", "tip", direction) + channels +
+                             "[[channel]]\nid = \"pull\"\nkind = \"tension\"\nof = \"upper_front\"\n"
+                             "column = \"pull_N\"\nnoise = { absolute = \"1 N\" }\n" +
+                             "[[channel]]\nid = \"clamp\"\nkind = \"reaction\"\non = \"base\"\ndirection = " +
+                             direction + "\ncolumn = \"clamp_N\"\nnoise = { absolute = \"1 N\" }\n",
+                     .from = "rest"},
+                    "load_N,retraction_mm,pull_N,clamp_N" + columns + rows);
+  };
+  const Eigen::VectorXd expected = of_part("whole"), values = of_part(part);
+  ASSERT_EQ(values.size(), expected.size());
+  for (Eigen::Index i = 0; i < values.size(); ++i) EXPECT_NEAR(values[i] / expected[i], 1, 1e-6) << i;
+}
+
+TEST(SlowModule3d, AHalfGivesTheNumbersOfTheWhole) {
+  expect_same_as_whole("half", "[0, -1, 0]", along_x + along_y, ",x_mm,y_mm\n", "0.2,2,0,0,0,0\n0.2,9,0,0,0,0\n");
+}
+
+TEST(SlowModule3d, AQuarterGivesTheNumbersOfTheWhole) {
+  expect_same_as_whole("quarter", "[-1, 0, 0]", along_x, ",x_mm\n", "0.2,2,0,0,0\n0.2,9,0,0,0\n");
+}
+
+TEST(Module3d, AQuarterCarriesAQuarterOfTheForceAndItsOneCableAllOfItsTension) {
+  expect_same_as_whole("quarter", "[-1, 0, 0]", along_x, ",x_mm\n", "0.2,2,0,0,0\n");
+}
+
+/// Foam blocks between rigid plates, bent and sheared by a force at the end, in series.
+TEST(Module3d, WithoutCablesItIsAsStiffAsFoamBlocksBetweenRigidPlatesInSeries) {
+  const double E = 50e3, G = E / 2, a = 30e-3, second = std::pow(a, 4) / 12, end = 58e-3, force = 1e-3;
+  double compliance = 0;
+  for (int cell = 0; cell < 4; ++cell) {
+    const double from_end = end - 14.5e-3 * cell, to_end = from_end - 11.5e-3;
+    compliance += (std::pow(from_end, 3) - std::pow(to_end, 3)) / (3 * E * second) + 11.5e-3 / (5.0 / 6 * G * a * a);
+  }
+  const Eigen::VectorXd tip = readings({.geometry = "part = \"half\"\n",
+                                        .mesh = "size = \"8 mm\"\nlip_cells = 1\n",
+                                        .more = "[contact]\non = false\n" + load("push", "tip", "[0, 1, 0]") + along_y,
+                                        .cables = "",
+                                        .foam = "E = \"50 kPa\"\nnu = 0\n"},
+                                       "load_N,y_mm\n0.001,0\n");
+  EXPECT_NEAR(tip[0] / (force * compliance), 1, 0.03);
+}
+
+/// A couple about the axis by two forces; foam blocks in series, whose ends the webs keep from warping in part.
+TEST(Module3d, InTorsionItIsBetweenSaintVenantsAndCoulombsFoamBlocks) {
+  const double E = 50e3, G = E / 2, a = 30e-3, couple = 2 * 21e-3 * 0.01, length = 2 * 11.5e-3;
+  const Eigen::VectorXd turn = readings({.geometry = two_cells,
+                                         .mesh = "size = \"8 mm\"\nlip_cells = 1\n",
+                                         .more = "[contact]\non = false\n" + load("up", "tip & upper", "[0, 0, 1]") +
+                                                 load("down", "tip & lower", "[0, 0, -1]", "other_N") +
+                                                 channel("turn", "[1, 0, 0]", "tip", "rotation") + along_y + along_z,
+                                         .cables = "",
+                                         .foam = "E = \"50 kPa\"\nnu = 0\n"},
+                                        "load_N,other_N,turn_rad,y_mm,z_mm\n0.01,0.01,0,0,0\n");
+  EXPECT_LT(turn[0], couple * length / (G * 0.1405770 * std::pow(a, 4)));
+  EXPECT_GT(turn[0], couple * length / (G * std::pow(a, 4) / 6));
+  EXPECT_LT(std::abs(turn[1]) + std::abs(turn[2]), 1e-6 * 20e-3 * turn[0]) << "it turns about its axis";
+}
+
+TEST(Module3d, StudsLimitSidewaysTravelToTheirPlay) {
+  const std::string csv = "load_N,y_mm,z_mm\n1,0,0\n";
+  // Beside the hole's mouth, and as far on the other axis.
+  const std::string places =
+      "[[channel]]\nid = \"y\"\npoint = [\"7.5 mm\", \"0 mm\", \"20.5 mm\"]\ndirection = [0, 1, 0]\n"
+      "column = \"y_mm\"\nnoise = { absolute = \"1 mm\" }\n" +
+      along_z;
+  const auto pushed = [&](const std::string& studs) {
+    return readings({.geometry = "cells = 1\ngap_total = \"2 mm\"\n" + studs,
+                     .more = load("push", "tip", "[0, 1, 0]") + places,
+                     .cables = ""},
+                    csv);
+  };
+  const Eigen::VectorXd with = pushed("stud_length = \"3 mm\"\nstud_play = \"0.1 mm\"\n"), without = pushed("");
+  EXPECT_GT(without[0], 4 * 0.1e-3);
+  EXPECT_NEAR(with[0], 0.1e-3, 0.015e-3) << "play, and what tilts and gives";
+  EXPECT_LT(std::abs(with[1]), 1e-9 * with[0]);
+}
+
+TEST(Module3d, WhatHasNoMirrorImageIsRefusedOnAPart) {
+  const TemporaryFolder folder;
+  const auto refused = [&](const std::string& part, const std::string& more, const std::vector<std::string>& parts,
+                           const std::string& csv = "load_N,retraction_mm,y_mm\n0,0,0\n") {
+    expect_input_error(
+        [&] {
+          bench_of(
+              experiment_in(folder, toml_of({.geometry = two_cells + "part = \"" + part + "\"\n", .more = more}), csv));
+        },
+        parts);
+  };
+  const std::string push = load("push", "tip", "[0, 1, 0]");
+  refused("third", push + along_y, {"experiment.toml:", "part \"third\"", "whole, half, quarter"});
+  refused("half", load("push", "tip", "[0, 0, 1]") + along_y,
+          {"[[load]] 'push'", "'symmetry_z'", "take the whole body"});
+  refused("quarter", push + along_y, {"[[load]] 'push'", "'symmetry_y'"});
+  refused("half", load("push", "front", "[0, 1, 0]") + along_y, {"[[load]] 'push'", "does not reach", "'symmetry_z'"});
+  refused("half", push + channel("y", "[0, 0, 1]"), {"[[channel]] 'y'", "'symmetry_z'"});
+  refused("half", push + channel("y", "[1, 0, 0]", "tip", "rotation"), {"[[channel]] 'y'", "axis", "'symmetry_z'"},
+          "load_N,retraction_mm,y_rad\n0,0,0\n");
+  refused("half", push + along_y + "[base]\nturn = [\"1 deg\", \"0 deg\", \"0 deg\"]\n", {"'symmetry_z'", "turned"});
+  refused("half", push + along_y + "[gravity]\ndirection = [0, 0, -1]\n", {"density"});
+  refused("whole", push + along_y + "[[contact.obstacle]]\nx = [\"0 mm\", \"1 mm\"]\ny = [\"0 mm\", \"1 mm\"]\n",
+          {"obstacle", "2D"});
+  refused("whole", push + along_y + "[contact]\nform = \"pair_sum\"\n", {"form"});
+}
+
+}  // namespace
+}  // namespace taut::test
