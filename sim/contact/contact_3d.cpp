@@ -70,6 +70,16 @@ struct SpaceSurface : ContactSurface<3, Contact3dSettings> {
     const auto& [c, d] = edges[two];
     return closest_of_segments(s.from(c, a), s.from(a, b), s.from(c, d));
   }
+  /// Whether they need no closer look: they surely are farther apart than `reach`.
+  bool surely_apart(const State& s, int v, int triangle, double reach) const {
+    const auto& [a, b, c] = triangles[triangle];
+    return surely_apart_from_triangle(s.from(a, v), s.from(a, b), s.from(a, c), reach);
+  }
+  bool edges_surely_apart(const State& s, int one, int two, double reach) const {
+    const auto& [a, b] = edges[one];
+    const auto& [c, d] = edges[two];
+    return surely_apart_segments(s.from(c, a), s.from(a, b), s.from(c, d), reach);
+  }
   /// visit(vertex, triangle) and visit_edges(edge, edge) for all that could touch and whose boxes meet.
   template <class BoxOf, class Visit, class VisitEdges>
   void visit_pairs(BoxOf&& box_of, Visit&& visit, VisitEdges&& visit_edges) const;
@@ -242,7 +252,13 @@ std::pair<std::vector<SpaceSurface::Near>, std::vector<SpaceSurface::Near>> Spac
   // pair.
   const double margin = 0.5 * std::max(reach, reach_of_edges) * (1 + 1e-6) + s.rounding();
   const Places x = s.positions();
-  visit_pairs([&](int v) { return Box3(x.col(v).array() - margin, x.col(v).array() + margin); }, look, look_at_edges);
+  visit_pairs([&](int v) { return Box3(x.col(v).array() - margin, x.col(v).array() + margin); },
+              [&](int v, int t) {
+                if (!surely_apart(s, v, t, reach)) look(v, t);
+              },
+              [&](int e, int f) {
+                if (!edges_surely_apart(s, e, f, reach_of_edges)) look_at_edges(e, f);
+              });
   std::sort(points.begin(), points.end());
   std::sort(lines.begin(), lines.end());
   return {points, lines};
@@ -427,7 +443,9 @@ double SpaceSurface::step_limit(const State& s, const State& change, double limi
   };
   std::vector<Candidate> candidates;
   std::vector<double> clearance(vertices(), std::numeric_limits<double>::infinity());
-  const auto consider = [&](MovingPair3::Kind kind, const std::array<int, 4>& vertex, auto&& distance_of) {
+  constexpr double most = 0.8;  // of its distance that a pair may approach without being looked at
+  const auto consider = [&](MovingPair3::Kind kind, const std::array<int, 4>& vertex, auto&& apart,
+                            auto&& distance_of) {
     const size_t split = kind == MovingPair3::Kind::segments ? 2 : 1;
     double motion = 0;
     for (size_t i = 0; i < split; ++i) {
@@ -436,8 +454,9 @@ double SpaceSurface::step_limit(const State& s, const State& change, double limi
     }
     if (motion == 0) return;
     motion = std::sqrt(motion);
+    if (apart(motion / most)) return;
     const double distance = distance_of();
-    if (!(motion > 0.8 * distance)) return;
+    if (!(motion > most * distance)) return;
     candidates.push_back({kind, vertex, distance, motion});
     for (int v : vertex) clearance[v] = std::min(clearance[v], distance);
   };
@@ -445,16 +464,20 @@ double SpaceSurface::step_limit(const State& s, const State& change, double limi
       swept,
       [&](int v, int t) {
         const auto& [a, b, c] = triangles[t];
-        consider(MovingPair3::Kind::point_triangle, {v, a, b, c}, [&] { return vertex_triangle(s, v, t).distance; });
+        consider(
+            MovingPair3::Kind::point_triangle, {v, a, b, c}, [&](double reach) { return surely_apart(s, v, t, reach); },
+            [&] { return vertex_triangle(s, v, t).distance; });
       },
       [&](int e, int f) {
         const auto& [a, b] = edges[e];
         const auto& [c, d] = edges[f];
-        consider(MovingPair3::Kind::segments, {a, b, c, d}, [&] { return closest_of_edges(s, e, f).distance; });
+        consider(
+            MovingPair3::Kind::segments, {a, b, c, d}, [&](double reach) { return edges_surely_apart(s, e, f, reach); },
+            [&] { return closest_of_edges(s, e, f).distance; });
       });
   for (const Candidate& candidate : candidates) {
     if (!(limit > 0)) break;
-    if (limit * candidate.motion < 0.8 * candidate.distance) continue;
+    if (limit * candidate.motion < most * candidate.distance) continue;
     MovingPair3 pair{candidate.kind, {}, {}};
     double nearest = candidate.distance;
     for (size_t k = 0; k < 4; ++k) {

@@ -14,6 +14,9 @@ namespace {
 
 using Eigen::Vector3d;
 
+constexpr double few_digits = 1e-8;       ///< squared sine below which the normal of two edges has few
+constexpr double beyond_rounding = 1.01;  ///< times a reach: what is farther than that surely is farther
+
 /// A point as it is seen along a coordinate axis.
 Eigen::Vector2d without(int axis, const Vector3d& x) {
   return {x[(axis + 1) % 3], x[(axis + 2) % 3]};
@@ -166,7 +169,7 @@ Closest3 closest_of_segments(const Vector3d& r, const Vector3d& e, const Vector3
   if (square > 1e-20 * size) {
     const double on_e = -r.cross(f).dot(area) / square, on_f = -r.cross(e).dot(area) / square;
     if (on_e > 0 && on_e < 1 && on_f > 0 && on_f < 1) {
-      if (square > 1e-8 * size) {
+      if (square > few_digits * size) {
         const double height = r.dot(area) / std::sqrt(square);
         c.distance = std::abs(height);
         c.normal = (height > 0 ? 1.0 : height < 0 ? -1.0 : 0.0) * area / std::sqrt(square);
@@ -195,6 +198,32 @@ Closest3 closest_of_segments(const Vector3d& r, const Vector3d& e, const Vector3
     }
   }
   return c;
+}
+
+bool surely_apart_from_triangle(const Vector3d& r, const Vector3d& e, const Vector3d& f, double reach) {
+  const Vector3d area = e.cross(f);
+  const double square = area.squaredNorm();
+  if (!(square > few_digits * e.squaredNorm() * f.squaredNorm())) return false;
+  const double wide = beyond_rounding * reach, limit = wide * wide * square, height = r.dot(area);
+  if (height * height > limit) return true;
+  const double to_b = r.cross(f).dot(area), to_c = e.cross(r).dot(area);
+  const auto outside = [&](double to, const Vector3d& edge) { return to < 0 && to * to > limit * edge.squaredNorm(); };
+  return outside(to_b, f) || outside(to_c, e) || outside(square - to_b - to_c, f - e);
+}
+
+bool surely_apart_segments(const Vector3d& r, const Vector3d& e, const Vector3d& f, double reach) {
+  const Vector3d area = e.cross(f);
+  const double square = area.squaredNorm(), ee = e.squaredNorm(), ff = f.squaredNorm();
+  // All of the second is as far from the first one's line as its start, but for what it leans.
+  if (!(square > few_digits * ee * ff))
+    return r.cross(e).norm() > std::sqrt(square) + beyond_rounding * reach * std::sqrt(ee);
+  const double wide = beyond_rounding * reach, limit = wide * wide * square, height = r.dot(area);
+  if (height * height > limit) return true;
+  const auto aside = [&](double one_end, double other_end, double edge) {
+    return one_end * other_end > 0 && std::min(one_end * one_end, other_end * other_end) > limit * edge;
+  };
+  const double a = r.cross(f).dot(area), c = -r.cross(e).dot(area);
+  return aside(a, a + square, ff) || aside(c, c - square, ee);
 }
 
 Mollifier::Mollifier(const Vector3d& e, const Vector3d& f, double threshold) {

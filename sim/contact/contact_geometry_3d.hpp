@@ -72,6 +72,15 @@ Closest3 closest_on_triangle(const Eigen::Vector3d& r, const Eigen::Vector3d& e,
 /// Closed segments a-b and c-d; r = a - c, e = b - a, f = d - c.
 Closest3 closest_of_segments(const Eigen::Vector3d& r, const Eigen::Vector3d& e, const Eigen::Vector3d& f);
 
+/// Whether a point and a triangle are farther apart than `reach` >= 0 [m], as a plane between them shows: along the
+/// triangle, or upright on one of its edges. Costs a small part of closest_on_triangle(), and never says so of what is
+/// nearer; false: one has to look. Arguments are those of closest_on_triangle().
+bool surely_apart_from_triangle(const Eigen::Vector3d& r, const Eigen::Vector3d& e, const Eigen::Vector3d& f,
+                                double reach);
+/// The same of two segments, by a plane along both, or along one and upright on that. Arguments are those of
+/// closest_of_segments().
+bool surely_apart_segments(const Eigen::Vector3d& r, const Eigen::Vector3d& e, const Eigen::Vector3d& f, double reach);
+
 /// How far two segments are from parallel, q = |e x f|^2 [m^4], and the mollifier m of Li et al. 2020 that takes the
 /// barrier of parallel edges away, where its distance is not smooth: m = x (2 - x), x = q / threshold, 1 for x >= 1.
 struct Mollifier {

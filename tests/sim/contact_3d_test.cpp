@@ -308,6 +308,43 @@ TEST(Contact3dDistance, ClosestPointsAreNoFartherThanAnyOtherAndReached) {
   }
 }
 
+TEST(Contact3dDistance, WhatSurelyIsApartIsFartherThanTheReachAndMostOfAFlatFaceIs) {
+  // Against the distances of points on both features, none of which may be within the reach.
+  std::mt19937 random(11);
+  int found = 0, all = 0;
+  for (int trial = 0; trial < 300; ++trial) {
+    std::array<Vector3d, 4> x;
+    for (Vector3d& point : x) point = random_vector(3, random);
+    if (trial % 3 == 0) x[3] = x[2] + 0.7 * (x[1] - x[0]) + 1e-9 * random_vector(3, random);  // nearly parallel
+    if (trial % 3 == 1) {
+      for (Vector3d& point : x) point[2] = 1e-12 * point[0];  // in a plane
+    }
+    double to_triangle = 1e9, to_segment = 1e9;
+    const int n = 40;
+    for (int i = 0; i <= n; ++i) {
+      for (int j = 0; j <= n; ++j) {
+        const double s = double(i) / n, t = double(j) / n;
+        to_segment = std::min(to_segment, (x[0] + s * (x[1] - x[0]) - x[2] - t * (x[3] - x[2])).norm());
+        if (i + j <= n)
+          to_triangle = std::min(to_triangle, (x[0] - x[1] - s * (x[2] - x[1]) - t * (x[3] - x[1])).norm());
+      }
+    }
+    for (double reach : {0.0, 1e-3, 0.1, 0.5, 2.0}) {
+      const bool triangle = surely_apart_from_triangle(x[0] - x[1], x[2] - x[1], x[3] - x[1], reach);
+      const bool segments = surely_apart_segments(x[0] - x[2], x[1] - x[0], x[3] - x[2], reach);
+      EXPECT_TRUE(!triangle || to_triangle > reach) << to_triangle << " m within " << reach;
+      EXPECT_TRUE(!segments || to_segment > reach) << to_segment << " m within " << reach;
+      found += triangle + segments;
+      all += (to_triangle > reach + 0.1) + (to_segment > reach + 0.1);
+    }
+  }
+  EXPECT_GT(found, 0.6 * all);
+  // A vertex of a flat face and a triangle that is not its own; two edges beside each other.
+  EXPECT_TRUE(surely_apart_from_triangle({1, 1, 0}, {1, 0, 0}, {0, 1, 0}, 0.5));
+  EXPECT_TRUE(surely_apart_segments({0, 0.1, 0}, {1, 0, 0}, {1, -1, 0}, 0.01));
+  EXPECT_FALSE(surely_apart_segments({0, 0, 0.1}, {1, 0, 0}, {1, -1, 0}, 0.1));
+}
+
 // Sums ----------------------------------------------------------------------------------------------------------------
 
 /// A lower face of 1 m x 1 m with n x n cells and an upper one with m x m at distance s dhat.
