@@ -17,6 +17,19 @@ bool in_tile(const Sheet& s, double x, double beyond = 0) {
   return place < s.tile + beyond || place > s.tile + s.strip - beyond;
 }
 
+/// Takes from lips what leans back from their faces' lower edges.
+Eigen::VectorXd leant(const Sheet& s, Eigen::VectorXd at) {
+  const double height = at[2] - (0.5 * s.thickness - s.lip_thickness), period = s.tile + s.strip;
+  if (height <= 0) return at;
+  const double shorter = std::tan(0.5 * s.lip_angle) * height / s.lip(), reach = s.lip() * (1 + 1e-9);
+  for (const int i : {0, 1}) {
+    const double place = std::fmod(at[i], period), after = place - s.tile, before = period - place;
+    if (after > 0 && after <= reach) at[i] -= shorter * after;
+    if (before <= reach) at[i] += shorter * before;
+  }
+  return at;
+}
+
 /// "plastic", "foam" or, beside and above the foam of a sheet with lips, "" for nothing.
 std::string region_at(const Sheet& s, const Eigen::VectorXd& at) {
   if (in_tile(s, at[0]) && in_tile(s, at[1])) return "plastic";
@@ -41,6 +54,8 @@ std::vector<ShapeKey> Sheet::keys() {
       {"cable_height", &cable_height, any, "of its own cables above the middle plane"},
       {"lip_gap", &lip_gap, Allowed::zero_or_more(), "between the lips of two tiles at the upper side; 0: no lips"},
       {"lip_thickness", &lip_thickness, positive, "of the lips"},
+      {"lip_angle", &lip_angle, Allowed::zero_or_more(), "between the faces of two lips: where they meet flat",
+       Quantity::angle},
       {"foam_thickness", &foam_thickness, positive, "of the foam under the lips, from the lower side"},
   };
 }
@@ -57,6 +72,9 @@ void Sheet::check() const {
   if (lip_gap >= strip)
     throw InputError(fmt::format("sheet: a lip_gap of {} leaves no lips over strips of {}; make it smaller",
                                  in_mm(lip_gap), in_mm(strip)));
+  if (std::tan(0.5 * lip_angle) * lip_thickness >= lip())
+    throw InputError(fmt::format("sheet: lips of {} lean back to nothing over {}; make lip_angle smaller", in_mm(lip()),
+                                 in_mm(lip_thickness)));
   if (foam_thickness + lip_thickness > thickness)
     throw InputError(
         fmt::format("sheet: foam_thickness {} and lip_thickness {} are more than the thickness {} together; "
@@ -91,6 +109,7 @@ Mesh Sheet::mesh(const MeshSettings& settings, bool, bool) const {
   Mesh sheet = box(lines(columns), lines(rows), z, settings.order, "foam");
   if (lip_gap > 0) sheet = part_of(sheet, [&](const Eigen::VectorXd& at) { return !region_at(*this, at).empty(); });
   assign_regions(sheet, [&](const Eigen::VectorXd& at) { return region_at(*this, at); });
+  if (lip_gap > 0 && lip_angle > 0) map_vertices(sheet, [&](const Eigen::VectorXd& at) { return leant(*this, at); });
   sheet.tags = {{"base", sheet.tags.at("xmin")},
                 {"tip", sheet.tags.at("xmax")},
                 {"lower", sheet.tags.at("zmin")},

@@ -22,6 +22,7 @@ struct Sheet final : ShapeOf<Sheet, 3> {
   double cable_height = 0;  ///< of its own cables above the middle plane
   double lip_gap = 0;       ///< between the lips of two tiles; 0: there are none
   double lip_thickness = 1e-3;
+  double lip_angle = 0;          ///< between two lips' faces, which meet flat once the joint has turned by it [rad]
   double foam_thickness = 2e-3;  ///< with lips
 
   double length() const { return columns * tile + (columns - 1) * strip; }  ///< along x [m]

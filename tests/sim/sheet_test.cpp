@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "tests/support/mesh_checks.hpp"
 #include "tests/support/message.hpp"
 
@@ -38,6 +40,14 @@ TEST(Sheet, LipsReachOverTheFoamUpToTheirGap) {
     EXPECT_NEAR(total_measure(mesh, "plastic"), tiles * 4e-3 + frames * 1e-3, 1e-16);
     EXPECT_NEAR(total_measure(mesh, "foam"), (120e-3 * 70e-3 - tiles) * 2e-3, 1e-16);
     EXPECT_NEAR(size_of(mesh, mesh.select("upper")), tiles + frames, 1e-15);
+    // Leant faces: what is left of the lips at each height, by Simpson's rule, which is exact.
+    s.lip_angle = 0.4;
+    const auto area = [&](double l) { return (5 * 20e-3 + 8 * l) * (3 * 20e-3 + 4 * l) - tiles; };
+    const double top = lip - std::tan(0.2) * 1e-3, left = (area(lip) + 4 * area(0.5 * (lip + top)) + area(top)) / 6;
+    const Mesh leant = s.mesh({.order = order}, false, false);
+    leant.check("leant");
+    EXPECT_NEAR(total_measure(leant, "plastic"), tiles * 4e-3 + left * 1e-3, 1e-16);
+    EXPECT_NEAR(size_of(leant, leant.select("upper")), tiles + area(top), 1e-15);
     s.foam_thickness = 3e-3;  // up to the lips
     EXPECT_NEAR(total_measure(s.mesh({}, false, false), "foam"), (120e-3 * 70e-3 - tiles) * 3e-3, 1e-16);
   }
@@ -68,6 +78,9 @@ TEST(Sheet, WhatMakesNoSheetIsRefused) {
   lips.lip_gap = 5e-3;
   expect_input_error([&] { lips.check(); }, {"lip_gap of 5 mm", "strips of 5 mm"});
   lips.lip_gap = 1e-3;
+  lips.lip_angle = 2.5;
+  expect_input_error([&] { lips.check(); }, {"lips of 2 mm", "1 mm", "lip_angle"});
+  lips.lip_angle = 0;
   lips.foam_thickness = 3.5e-3;
   expect_input_error([&] { lips.check(); }, {"foam_thickness 3.5 mm", "lip_thickness 1 mm", "thickness 4 mm"});
   s.strip = 0;
