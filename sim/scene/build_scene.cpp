@@ -126,6 +126,10 @@ class Assembler {
                       "model: no region is more than 100 times as stiff as the softest one, so that none can be rigid; "
                       "use \"full\"");
     }
+    if (options_.rigid_segments && !symmetry_of(setup_.bodies.front()).empty())
+      throw FileError(setup_.path,
+                      "model: a rigid region is held as a whole or not at all, and planes of symmetry hold it in part; "
+                      "take the whole body, or use \"full\"");
     for (const MaterialSettings& material : materials) {
       at(setup_, fmt::format("[materials.{}]", material.region), [&] {
         add_material(material);
@@ -209,7 +213,7 @@ class Assembler {
     if (setup_.bodies.size() > 1)
       throw InputError("a part of a body stands for all of it where it is alone; take the whole body beside others");
     const int d = builder_.mesh().dimension();
-    const Eigen::VectorXd normal = rotation_of(body, d).col(plane.component);
+    const Eigen::VectorXd normal = rotation_of(body, d).col(plane.component).cwiseAbs();
     int component = 0;
     if (normal.maxCoeff(&component) < 1 - 1e-12)
       throw InputError(
