@@ -127,7 +127,8 @@ void refuse_contradictions(const Experiment& experiment, const Trials& trials) {
 StaticReplay make_static_replay(const Experiment& experiment, const MeshSettings& settings, const Trials& trials) {
   refuse_contradictions(experiment, trials);
   BenchModel model = make_model(experiment, settings, trials);
-  StaticReplay bench{rows_of_readings(experiment, model, trials), nullptr, model.cables, model.contact};
+  StaticReplay bench{rows_of_readings(experiment, model, trials), nullptr, model.cables, model.contact,
+                     model.smallest_distance};
   StaticProtocol::Options options;
   options.equilibrium = experiment.equilibrium;
   options.threads = experiment.threads;

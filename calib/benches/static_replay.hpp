@@ -1,4 +1,5 @@
 #pragma once
+#include <functional>
 #include <memory>
 #include <vector>
 
@@ -21,7 +22,8 @@ BenchRows rows_of_readings(const Experiment& experiment, const BenchModel& model
 struct StaticReplay : BenchRows {
   std::unique_ptr<StaticProtocol> protocol;
   std::vector<Cable> cables;
-  const Contact* contact = nullptr;  ///< of its model, in 2D
+  const Contact* contact = nullptr;                                                   ///< of its model, in 2D
+  std::function<double(const Eigen::VectorXd& u, double horizon)> smallest_distance;  ///< see BuiltScene
 };
 /// The readings' protocol with this mesh. Throws InputError.
 StaticReplay make_static_replay(const Experiment& experiment, const MeshSettings& settings, const Trials& trials);

@@ -150,12 +150,12 @@ Eigen::VectorXd newton_changes(const Rows& rows, const Tried& rigid, StaticProto
 /// Whether anything has come within the contact gap of a bench in a state.
 bool touches(const StaticReplay& bench, const Eigen::VectorXd& u) {
   const double gap = bench.protocol->nominal()[bench.protocol->parameters().index("contact_gap")];
-  return bench.contact->smallest_distance(u, gap) < gap;
+  return bench.smallest_distance(u, gap) < gap;
 }
 
 /// Whether anything touches in the state of each row.
 void mark_closed(const Tried& tried, std::vector<RowChoice>& choices) {
-  if (tried.bench.contact == nullptr) return;
+  if (!tried.bench.smallest_distance) return;
   for (const StaticProtocol::Condition& condition : tried.bench.protocol->conditions()) {
     if (condition.u.size() == 0) continue;
     const bool closed = touches(tried.bench, condition.u);

@@ -124,6 +124,20 @@ void add_pose(const Robot& robot, const IkAnswer& answer, const std::string& lab
                             fmt::format("{}: {}", label, answer.result.message));
 }
 
+/// Which poses no slow motion from the one before comes to.
+std::string jumps_text(const Simulation& simulation, const Robot& robot, const std::vector<Solved>& all,
+                       const CommandOptions& options) {
+  std::vector<std::string> found;
+  for (const Solved& solved : all) {
+    for (const size_t k : jumps_to(simulation, robot, solved.answers, options.stop))
+      found.push_back(label_of(solved, k));
+  }
+  if (found.empty())
+    return "none: a slow and straight motion of the controls, from rest or the point before, comes to each pose";
+  return "YES: a slow and straight motion of the controls, from rest or the point before, does not come to " +
+         join(found);
+}
+
 /// The poses as the states of a run over the number of the target; what has no state is left out.
 SimulationRecord make_ik_record(const Simulation& simulation, const Robot& robot, const std::vector<Solved>& all,
                                 const CommandOptions& options) {
@@ -137,6 +151,7 @@ SimulationRecord make_ik_record(const Simulation& simulation, const Robot& robot
       if (solved.answers[k].u.size() > 0) add_pose(robot, solved.answers[k], label_of(solved, k), record);
     }
   }
+  record.facts.emplace_back("jumps", jumps_text(simulation, robot, all, options));
   double smallest = std::numeric_limits<double>::infinity();
   for (const Eigen::VectorXd& u : record.states) smallest = std::min(smallest, smallest_jacobian(record.mesh, u));
   record.facts.emplace_back("inverted elements",
@@ -208,6 +223,11 @@ int ik_main(const CommandOptions& options) {
     for (const Solved& solved : all) is_path(solved) ? print_path(solved) : print_answer(simulation, robot, solved);
   }
   const SimulationRecord record = make_ik_record(simulation, robot, all, options);
+  if (!options.json) {
+    for (const auto& [label, text] : record.facts) {
+      if (!label.starts_with("pose ")) fmt::print("{}: {}\n", label, text);
+    }
+  }
   if (stopped && folder.finished()) {
     progress.say(fmt::format("interrupted; the finished run in {} stays as it is", folder.path()));
   } else if (!record.samples.empty()) {

@@ -21,9 +21,10 @@ namespace taut {
 /// sides of it: the feature, its caught point, N_i.
 ///
 /// Each step is the minimum of an energy. What sticks does so for good, whatever the number of steps: it gives way by
-/// mu N / k, that is mu dhat p / kappa under a pressure p, and nothing creeps. N_i is the one before, so that sliding under changing
-/// pressure is right to the first order in the step, and what comes to touch in a step rubs from the next one on. Turns
-/// with the surfaces cost nothing. Both sides of a contact carry half of it. Edges that cross in space rub not at all.
+/// mu N / k, that is mu dhat p / kappa under a pressure p, and nothing creeps. N_i is the one before, so that sliding
+/// under changing pressure is right to the first order in the step, and what comes to touch in a step rubs from the
+/// next one on. Turns with the surfaces cost nothing. Both sides of a contact carry half of it. Edges that cross in
+/// space rub not at all.
 ///
 /// k takes dhat, kappa and t as they are given to the constructor; exact derivatives by mu and through N_i. Without a
 /// step with memory (an equilibrium that has no past) there is no friction.

@@ -31,9 +31,9 @@ template <int D>
 struct Touch {
   int vertex = 0;   ///< of the surface, by its own number
   int feature = 0;  ///< the nearest one there: an edge or triangle, after all of them the grounds
-  using Vector = Eigen::Matrix<double, D, 1>;
-  Vector force = Vector::Zero();   ///< on the vertex [N]; edges that cross take no part
-  Vector change = Vector::Zero();  ///< of that; zero unless asked for
+  using Vector = Eigen::Matrix<double, D, 1>;  ///< [N]
+  Vector force = Vector::Zero();               ///< on the vertex [N]; edges that cross take no part
+  Vector change = Vector::Zero();              ///< of that; zero unless asked for
 };
 
 /// A vertex (first) and the corners of the feature that it meets.

@@ -96,4 +96,22 @@ std::vector<IkAnswer> solve_target(const Simulation& simulation, const Robot& ro
   return answers;
 }
 
+std::vector<size_t> jumps_to(const Simulation& simulation, const Robot& robot, const std::vector<IkAnswer>& answers,
+                             const std::atomic<bool>* stop) {
+  const Model& model = *robot.scene.model;
+  Equilibrium equilibrium = equilibrium_at_rest(simulation, robot, model, stop);
+  std::vector<size_t> jumps;
+  for (size_t k = 0; k < answers.size(); ++k) {
+    const IkAnswer& answer = answers[k];
+    if (answer.u.size() == 0) continue;
+    const SolveReport& report = equilibrium.solve(answer.p);
+    if (report.status == SolveStatus::interrupted) break;
+    const double apart = (equilibrium.u() - answer.u).cwiseAbs().maxCoeff();
+    if (report.status != SolveStatus::converged || report.slipped || apart > 0.01 * model.length_scale())
+      jumps.push_back(k);
+    equilibrium.start_at(answer.u, answer.p);
+  }
+  return jumps;
+}
+
 }  // namespace taut

@@ -54,4 +54,10 @@ class RobotIk {
 std::vector<IkAnswer> solve_target(const Simulation& simulation, const Robot& robot, const IkTarget& target,
                                    const std::atomic<bool>* stop = nullptr);
 
+/// Which of such answers, by their places, a slow and straight motion of the controls from the one before (of the
+/// first, from rest) does not come to: its path of equilibria ends on the way, and the scene jumps or goes elsewhere
+/// (by more than a hundredth of its size). Answers without a state are left out.
+std::vector<size_t> jumps_to(const Simulation& simulation, const Robot& robot, const std::vector<IkAnswer>& answers,
+                             const std::atomic<bool>* stop = nullptr);
+
 }  // namespace taut

@@ -270,7 +270,10 @@ class SoftIk::Search {
     const int most = iterations_ + ik_.options_.max_iterations;
     const Eigen::MatrixXd nothing = Eigen::MatrixXd::Zero(controls(), controls());
     while (within(now) && iterations_ < most) {
-      const Quadratic near(now, nothing, nominal_, pull_);
+      // What errors are left is not worth a step, nor is what moving within the tolerance brings.
+      Iterate along = now;
+      along.e.setZero();
+      const Quadratic near(along, nothing, nominal_, pull_);
       const Eigen::VectorXd step = shortened(near.step(0), longest);
       if (step.size() == 0 || near.gain(step) <= worthwhile_gain * near.offset.squaredNorm()) break;
       Iterate trial;
@@ -375,13 +378,16 @@ class SoftIk::Search {
     return r;
   }
 
-  /// Moves to where a search begins: controls without effect are moved until they have one; where they get none, they
-  /// stay.
+  /// Moves to where a search begins; where it is there already, the factor is made anew, since the first step is only
+  /// as good as its tangent. Controls without effect are moved until they have one; where they get none, they stay.
   bool start(const Eigen::VectorXd& from, Iterate& at) {
     Eigen::VectorXd q = from, effect;
     for (double step = 0.01;; step *= 2) {
       if (!move(q, at)) return false;
-      linearise(at);
+      if (at.fresh)
+        linearise(at);
+      else if (!renew(at))
+        return false;
       effect = at.J.colwise().norm();
       if (effect.minCoeff() >= awake_effect) return true;
       if (step >= 1) break;

@@ -127,6 +127,10 @@ class Assembler {
                       "model: no region is more than 100 times as stiff as the softest one, so that none can be rigid; "
                       "use \"full\"");
     }
+    if (options_.rigid_segments && !symmetry_of(setup_.bodies.front()).empty())
+      throw FileError(setup_.path,
+                      "model: a rigid region is held as a whole or not at all, and planes of symmetry hold it in part; "
+                      "take the whole body, or use \"full\"");
     for (const MaterialSettings& material : materials) {
       at(setup_, fmt::format("[materials.{}]", material.region), [&] {
         add_material(material);

@@ -84,7 +84,7 @@ struct ModulePlan {
   std::array<double, 2> half;
 };
 
-/// Extends a grid's lines to `breaks`, which increase.
+/// Extends a grid's lines to planes at `breaks`, in whatever order.
 void add_lines(std::vector<double>& lines, std::vector<double> breaks, double size, int at_least = 1) {
   std::sort(breaks.begin(), breaks.end());
   for (double end : breaks) {
@@ -221,6 +221,7 @@ Mesh mesh_push_puppet_3d(const PushPuppet3d& module, const PushPuppetMesh& setti
     }
     return moved;
   });
+  mesh.tags.clear();  // those of the grid
   const Tag outer = boundary(mesh);
   const auto tag = [&](const char* name, int axis, double at) {
     mesh.tags[name] = outer.where([&](int node) { return mesh.X[3 * node + axis] == at; });

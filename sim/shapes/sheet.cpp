@@ -11,9 +11,34 @@
 namespace taut {
 namespace {
 
-/// Coordinate within the period of tile and strip.
-bool in_tile(const Sheet& s, double x) {
-  return std::fmod(x, s.tile + s.strip) < s.tile;
+/// Whether a coordinate is in a tile, or no farther from one than `beyond`.
+bool in_tile(const Sheet& s, double x, double beyond = 0) {
+  const double place = std::fmod(x, s.tile + s.strip);
+  return place < s.tile + beyond || place > s.tile + s.strip - beyond;
+}
+
+/// Takes from lips what leans back from their faces' lower edges.
+Eigen::VectorXd leant(const Sheet& s, Eigen::VectorXd at) {
+  const double height = at[2] - (0.5 * s.thickness - s.lip_thickness), period = s.tile + s.strip;
+  if (height <= 0) return at;
+  const double shorter = std::tan(0.5 * s.lip_angle) * height / s.lip(), reach = s.lip() * (1 + 1e-9);
+  for (const int i : {0, 1}) {
+    const double place = std::fmod(at[i], period), after = place - s.tile, before = period - place;
+    if (after > 0 && after <= reach) at[i] -= shorter * after;
+    if (before <= reach) at[i] += shorter * before;
+  }
+  return at;
+}
+
+/// "plastic", "foam" or, beside and above the foam of a sheet with lips, "" for nothing.
+std::string region_at(const Sheet& s, const Eigen::VectorXd& at) {
+  if (in_tile(s, at[0]) && in_tile(s, at[1])) return "plastic";
+  if (s.lip_gap == 0) return "foam";
+  const double height = at[2] + 0.5 * s.thickness;
+  if (height < s.foam_thickness) return "foam";
+  const bool at_lips =
+      height > s.thickness - s.lip_thickness && in_tile(s, at[0], s.lip()) && in_tile(s, at[1], s.lip());
+  return at_lips ? "plastic" : "";
 }
 
 }  // namespace
@@ -27,6 +52,11 @@ std::vector<ShapeKey> Sheet::keys() {
       {"strip", &strip, positive, "foam between tiles"},
       {"thickness", &thickness, positive, "of the sheet"},
       {"cable_height", &cable_height, any, "of its own cables above the middle plane"},
+      {"lip_gap", &lip_gap, Allowed::zero_or_more(), "between the lips of two tiles at the upper side; 0: no lips"},
+      {"lip_thickness", &lip_thickness, positive, "of the lips"},
+      {"lip_angle", &lip_angle, Allowed::zero_or_more(), "between the faces of two lips: where they meet flat",
+       Quantity::angle},
+      {"foam_thickness", &foam_thickness, positive, "of the foam under the lips, from the lower side"},
   };
 }
 
@@ -38,6 +68,18 @@ std::vector<MeshKey> Sheet::mesh_keys() const {
 
 void Sheet::check() const {
   check_keys("sheet");
+  if (lip_gap == 0) return;
+  if (lip_gap >= strip)
+    throw InputError(fmt::format("sheet: a lip_gap of {} leaves no lips over strips of {}; make it smaller",
+                                 in_mm(lip_gap), in_mm(strip)));
+  if (std::tan(0.5 * lip_angle) * lip_thickness >= lip())
+    throw InputError(fmt::format("sheet: lips of {} lean back to nothing over {}; make lip_angle smaller", in_mm(lip()),
+                                 in_mm(lip_thickness)));
+  if (foam_thickness + lip_thickness > thickness)
+    throw InputError(
+        fmt::format("sheet: foam_thickness {} and lip_thickness {} are more than the thickness {} together; "
+                    "make one of them smaller",
+                    in_mm(foam_thickness), in_mm(lip_thickness), in_mm(thickness)));
 }
 
 Mesh Sheet::mesh(const MeshSettings& settings, bool, bool) const {
@@ -47,16 +89,27 @@ Mesh Sheet::mesh(const MeshSettings& settings, bool, bool) const {
     std::vector<double> x{0.0};
     for (int k = 0; k < tiles; ++k) {
       step_to(x, k * (tile + strip) + tile, count(settings, "tile_cells"));
-      if (k + 1 < tiles) step_to(x, (k + 1) * (tile + strip), count(settings, "strip_cells"));
+      if (k + 1 == tiles) break;
+      const int across = count(settings, "strip_cells");
+      if (lip_gap > 0) {
+        step_to(x, k * (tile + strip) + tile + lip(), across);
+        step_to(x, (k + 1) * (tile + strip) - lip(), across);
+      }
+      step_to(x, (k + 1) * (tile + strip), across);
     }
     return x;
   };
   std::vector<double> z{-0.5 * thickness};
-  step_to(z, 0.5 * thickness, count(settings, "layers"));
+  const int layers = count(settings, "layers");
+  if (lip_gap > 0) {
+    step_to(z, foam_thickness - 0.5 * thickness, layers);
+    if (foam_thickness + lip_thickness < thickness) step_to(z, 0.5 * thickness - lip_thickness, layers);
+  }
+  step_to(z, 0.5 * thickness, layers);
   Mesh sheet = box(lines(columns), lines(rows), z, settings.order, "foam");
-  assign_regions(sheet, [&](const Eigen::VectorXd& at) -> std::string {
-    return in_tile(*this, at[0]) && in_tile(*this, at[1]) ? "plastic" : "foam";
-  });
+  if (lip_gap > 0) sheet = part_of(sheet, [&](const Eigen::VectorXd& at) { return !region_at(*this, at).empty(); });
+  assign_regions(sheet, [&](const Eigen::VectorXd& at) { return region_at(*this, at); });
+  if (lip_gap > 0 && lip_angle > 0) map_vertices(sheet, [&](const Eigen::VectorXd& at) { return leant(*this, at); });
   sheet.tags = {{"base", sheet.tags.at("xmin")},
                 {"tip", sheet.tags.at("xmax")},
                 {"lower", sheet.tags.at("zmin")},

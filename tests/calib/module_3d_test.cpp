@@ -2,7 +2,9 @@
 
 #include <cmath>
 
-#include "sim/shapes/push_puppet_3d.hpp"
+#include "calib/models/ladder.hpp"
+#include "sim/files/simulation.hpp"
+#include "sim/robots/robot.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/static_bench.hpp"
 
@@ -187,6 +189,21 @@ TEST(Module3d, StudsLimitSidewaysTravelToTheirPlay) {
   EXPECT_LT(std::abs(with[1]), 1e-9 * with[0]);
 }
 
+TEST(Module3d, TheLadderTakesRigidSegmentsAndSeesWhatIsClosed) {
+  const TemporaryFolder folder;
+  Experiment e = experiment_in(
+      folder,
+      toml_of({.geometry = "cells = 1\ngap_total = \"4.3 mm\"\n", .more = load("push", "tip", "[0, -1, 0]") + along_y}),
+      "load_N,retraction_mm,y_mm\n0.1,0,0\n0.1,5,0\n");
+  e.model = Rung::automatic;
+  const Trials trials = read_trials(e.bench);
+  const Ladder ladder = climb(e, trials, bench_of(e));
+  ASSERT_EQ(ladder.rows.size(), 2u);
+  EXPECT_EQ(ladder.rows[0].rung, Rung::rigid_segments);
+  EXPECT_FALSE(ladder.rows[0].closed);
+  EXPECT_TRUE(ladder.rows[1].closed);
+}
+
 TEST(Module3d, WhatHasNoMirrorImageIsRefusedOnAPart) {
   const TemporaryFolder folder;
   const auto refused = [&](const std::string& part, const std::string& more, const std::vector<std::string>& parts,
@@ -211,7 +228,68 @@ TEST(Module3d, WhatHasNoMirrorImageIsRefusedOnAPart) {
   refused("half", push + along_y + "[gravity]\ndirection = [0, 0, -1]\n", {"density"});
   refused("whole", push + along_y + "[[contact.obstacle]]\nx = [\"0 mm\", \"1 mm\"]\ny = [\"0 mm\", \"1 mm\"]\n",
           {"obstacle", "2D"});
+  Experiment half =
+      experiment_in(folder, toml_of({.geometry = two_cells + "part = \"half\"\n", .more = push + along_y}),
+                    "load_N,retraction_mm,y_mm\n0,0,0\n");
+  half.model = Rung::rigid_segments;
+  expect_input_error([&] { bench_of(half); }, {"model", "rigid region", "take the whole body"});
   refused("whole", push + along_y + "[contact]\nform = \"pair_sum\"\n", {"form"});
+}
+
+TEST(Module3d, AHalfThatIsTurnedAboutItsNormalsOrOntoThemGivesTheSameNumbers) {
+  const auto of = [&](const std::string& turn, const std::string& direction) {
+    return readings({.geometry = two_cells + "part = \"half\"\n",
+                     .more = turn + load("push", "tip", direction) + channel("y", direction),
+                     .cables = ""},
+                    "load_N,y_mm\n0.05,0\n")[0];
+  };
+  const double up = of("", "[0, 1, 0]");
+  EXPECT_GT(up, 1e-4);
+  EXPECT_NEAR(of("[base]\nturn = [\"90 deg\", \"0 deg\", \"0 deg\"]\n", "[0, 0, 1]") / up, 1, 1e-9);
+  EXPECT_NEAR(
+      of("[base]\nturn = [\"0 deg\", \"0 deg\", \"90 deg\"]\nat = [\"1 mm\", \"2 mm\", \"3 mm\"]\n", "[-1, 0, 0]") / up,
+      1, 1e-9);
+}
+
+TEST(Module3d, OverTimeAndBesideOthersAPartIsRefusedWhereItDoesNotStandForTheWhole) {
+  const std::string body = R"([[body]]
+name = "NAME"
+geometry = { kind = "push_puppet_3d", part = "half", cells = 1, gap_total = "4 mm" }
+mesh = { size = "15 mm", lip_cells = 1, element = "linear" }
+clamped = ["base"]
+)";
+  const std::string head = R"(title = "Half a module"
+[simulation]
+dimension = 3
+duration = "1 s"
+step = "1 s"
+)";
+  const std::string materials = R"([materials.foam]
+E = "50 kPa"
+nu = 0.2
+density = "30 kg/m3"
+[materials.plastic]
+E = "2 GPa"
+nu = 0.35
+density = "1000 kg/m3"
+)";
+  const auto refused = [&](const std::string& bodies, const std::string& more, const std::vector<std::string>& parts) {
+    const TemporaryFolder folder;
+    const Simulation simulation = read_simulation(folder.write("experiment.toml", head + bodies + materials + more));
+    expect_input_error([&] { make_robot(simulation); }, parts);
+  };
+  const auto named = [&](const std::string& name) {
+    std::string own = body;
+    return own.replace(own.find("NAME"), 4, name);
+  };
+  refused(named("one") + named("two") + "at = [\"100 mm\", \"0 mm\", \"0 mm\"]\n", "",
+          {"[[body]] 'one'", "part of a body", "take the whole"});
+  refused(named("one"), "[[load]]\nid = \"m\"\non = \"one.tip\"\ndirection = [0, -1, 0]\nvalue = \"10 g\"\n",
+          {"[[load]] 'm'", "inertia", "take the whole body"});
+  refused(named("one"), "[[channel]]\nid = \"f\"\nkind = \"net_force\"\nof = \"one\"\ndirection = [1, 0, 0]\n",
+          {"[[channel]] 'f'", "net_force", "whole body"});
+  refused(named("one"), "[[channel]]\nid = \"z\"\nof = \"one\"\ndirection = [0, 0, 1]\n",
+          {"[[channel]] 'z'", "'one.symmetry_z'", "take the whole body"});
 }
 
 }  // namespace

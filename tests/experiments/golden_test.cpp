@@ -66,8 +66,8 @@ Json numbers_of_poses(const Json& run) {
   return result;
 }
 
-/// Shares extrapolate small differences, profile ends are searched to half a per cent of a rise, poses to a hundredth
-/// of their tolerance.
+/// Shares extrapolate small differences, profile ends are searched to half a per cent of a rise, poses to their
+/// tolerance, by steps that amplify rounding.
 double tolerance_at(const std::string& path) {
   const auto in = [&](const char* part) { return path.find(part) != std::string::npos; };
   return in("shares") || in("interval95") || in("ik_") ? 1e-4 : 1e-6;

@@ -92,6 +92,7 @@ TEST(PushPuppet3d, VolumesAndFacesAreThoseOfTheDrawingForEachPart) {
         EXPECT_NEAR(size_of(mesh, mesh.select("front")) / ((part[0] == 'q' ? 0.5 : 1) * outer * high(m)), 1, 1e-12);
       }
     }
+    EXPECT_EQ(mesh_push_puppet_3d(m, coarse_mesh).tags.size(), 6u) << "base, tip, two sides, two planes of symmetry";
     // What is cut: each web and plate in half, the core, and of each frame two bars.
     m.part = "half";
     const Mesh half = mesh_push_puppet_3d(m, coarse_mesh);

