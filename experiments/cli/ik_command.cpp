@@ -132,6 +132,7 @@ std::string jumps_text(const Simulation& simulation, const Robot& robot, const s
     for (const size_t k : jumps_to(simulation, robot, solved.answers, options.stop))
       found.push_back(label_of(solved, k));
   }
+  if (options.interrupted()) return "not looked for to the end: interrupted";
   if (found.empty())
     return "none: a slow and straight motion of the controls, from rest or the point before, comes to each pose";
   return "YES: a slow and straight motion of the controls, from rest or the point before, does not come to " +

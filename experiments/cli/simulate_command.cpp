@@ -68,9 +68,8 @@ std::string slips_text(const SimulationResult& result) {
                         with_unit(result.slips[k].jump, "m"));
   if (result.slips.size() > most) when += fmt::format(" and {} more", result.slips.size() - most);
   return fmt::format(
-      "YES: {}: the path of equilibria ends there and the scene jumps to another one; statics does not decide to "
-      "which, "
-      "inertia does (integrator = \"bdf2\")",
+      "YES: {}: the path of equilibria ends there and the scene jumps to another one; to which, inertia decides "
+      "(integrator = \"bdf2\"), not statics",
       when);
 }
 
