@@ -70,13 +70,10 @@ struct RodStrains {
   double size = 0;         ///< the largest |stretch - 1|
 };
 
-/// Energy per length of a section's stretching and bending with derivatives by (v_3, k_1, k_2), and those of its slopes
-/// by Poisson's number.
-struct RodStretching {
-  double energy = 0;
-  Eigen::Vector3d stress = Eigen::Vector3d::Zero(), by_poisson = Eigen::Vector3d::Zero();
-  Eigen::Matrix3d tangent = Eigen::Matrix3d::Zero();
-};
+namespace rod {
+class BlockFactors;
+struct RodStretching;
+}  // namespace rod
 
 /// A tapered Cosserat rod in space: it stretches, shears, bends and twists. With d1, d2, d3 the directions of a
 /// section,
@@ -200,8 +197,9 @@ class Rod {
   enum Order { energies, slopes, curvatures };
   Sums assemble(const RodState& x, const Values& values, Order order, bool by_values = false) const;
   bool add_element(size_t i, const RodState& x, const Values& values, Order order, bool by_values, Sums& sum) const;
-  RodStretching stretching_of(const Section& section, const Eigen::Vector3d& by, double E, double nu,
-                              bool by_poisson) const;
+  rod::RodStretching stretching_of(const Section& section, const Eigen::Vector3d& by, double E, double nu,
+                                   bool by_poisson) const;
+  std::optional<rod::BlockFactors> factors_at(const RodState& x, const Values& values) const;
   RodState moved(const RodState& x, const Eigen::VectorXd& step, const Sums& at) const;
   struct Run;
   std::vector<Run> runs_of(const RodState& x) const;
@@ -210,6 +208,7 @@ class Rod {
   struct Feedback;
   Feedback feedback_of(const RodState& x, const Values& values,
                        const std::function<Eigen::MatrixXd(Eigen::MatrixXd)>& by_hessian) const;
+  Eigen::VectorXd gradient_by_friction(const RodState& x, const Values& values) const;
   Eigen::MatrixXd pulled(const std::vector<Run>& runs, const Values& values, const Eigen::MatrixXd& more) const;
   std::string settle(RodState& x, const Values& values, int& factorisations) const;
 

@@ -8,7 +8,7 @@
 #include <map>
 #include <optional>
 
-#include "calib/models/rod.hpp"
+#include "calib/models/placed_rod.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/numbers.hpp"
 #include "sim/core/units.hpp"
@@ -17,7 +17,6 @@
 namespace taut {
 namespace {
 
-using Eigen::Matrix3d;
 using Eigen::MatrixXd;
 using Eigen::Vector3d;
 
@@ -34,64 +33,6 @@ struct Product {
   }
 };
 
-/// What a row reads.
-struct RodChannel {
-  RodPoint at;
-  Vector3d direction;      ///< in the world, unit length
-  bool rotation = false;   ///< of the end face, about the direction
-  bool from_rest = false;  ///< a displacement
-};
-
-/// The rod with its place in the world: x = origin + frame (rod's own coordinates). The frame may be a left-handed one.
-struct PlacedRod {
-  Rod rod;
-  Vector3d origin;
-  Matrix3d frame;
-  std::vector<RodChannel> channels;
-
-  /// 1 or -1.
-  double handedness() const {
-    const Matrix3d& F = frame;
-    return F(2, 2) * (F(0, 0) * F(1, 1) - F(1, 0) * F(0, 1)) + F(1, 2) * (F(2, 0) * F(0, 1) - F(0, 0) * F(2, 1)) +
-           F(0, 2) * (F(1, 0) * F(2, 1) - F(2, 0) * F(1, 1));
-  }
-  double rest(const RodChannel& channel) const {
-    return channel.direction.dot(origin + frame * (channel.at.offset + Vector3d(0, 0, channel.at.s)));
-  }
-};
-
-/// A reading, and how it changes where the unknowns change like columns of `dx`.
-struct RowReading {
-  double value = 0;
-  double moved = 0;  ///< see RodProtocol::moved()
-  Eigen::RowVectorXd slopes;
-};
-
-RowReading reading_of(const PlacedRod& placed, const RodChannel& channel, const RodState& x, const MatrixXd& dx) {
-  RowReading reading;
-  if (channel.rotation) {
-    // See make_rotation_channel(): the component about an axis, for small turns behind R.
-    const Matrix3d R = placed.frame * placed.rod.end_rotation(x) * placed.frame.transpose();
-    const Vector3d axial(R(2, 1) - R(1, 2), R(0, 2) - R(2, 0), R(1, 0) - R(0, 1));
-    const double s = channel.direction.dot(axial), c = R.trace() - 1;
-    reading.value = reading.moved = std::atan2(s, c);
-    const Vector3d by_turn =
-        (c * (R.trace() * channel.direction - R * channel.direction) + s * axial) / (c * c + s * s);
-    reading.slopes = Eigen::RowVectorXd::Zero(dx.cols());
-    if (dx.cols() > 0) reading.slopes = placed.handedness() * by_turn.transpose() * placed.frame * dx.bottomRows<3>();
-    return reading;
-  }
-  const RodReading position = placed.rod.position(x, channel.at);
-  const Vector3d direction = placed.frame.transpose() * channel.direction;
-  reading.value = channel.direction.dot(placed.origin) + direction.dot(position.value);
-  const double displacement = reading.value - placed.rest(channel);
-  if (channel.from_rest) reading.value = displacement;
-  reading.moved =
-      std::copysign((position.value - channel.at.offset - Vector3d(0, 0, channel.at.s)).norm(), displacement);
-  reading.slopes = direction.transpose() * position.change(dx);
-  return reading;
-}
-
 /// An equilibrium with its sensitivities.
 struct Solved {
   std::string problem;  ///< why it was not reached; "": it was
@@ -99,10 +40,6 @@ struct Solved {
   MatrixXd dx;       ///< by the free parameters
   double error = 0;  ///< what the rod states
 };
-
-}  // namespace
-
-namespace {
 
 /// Nodes are where tendons begin and end, whatever becomes of these places: an energy that jumps from element to
 /// element would have a kink there.
@@ -142,7 +79,8 @@ Division divided(const Experiment& experiment) {
   return division;
 }
 
-std::vector<double> nodes_of(const Division& division, const Experiment& experiment, double length) {
+std::vector<double> nodes_of(const Division& division, const Experiment& experiment) {
+  const double length = experiment.geometry.shape->axis()->length;
   std::vector<double> nodes{0};
   for (size_t k = 0; k < division.counts.size(); ++k) {
     double until = length;
@@ -157,6 +95,11 @@ std::vector<double> nodes_of(const Division& division, const Experiment& experim
       nodes.push_back(i == division.counts[k] ? until : from + (until - from) * i / division.counts[k]);
   }
   return nodes;
+}
+
+PlacedRod placed_rod(const Experiment& experiment, const Division& division) {
+  experiment.geometry.shape->check();
+  return place_rod(experiment, nodes_of(division, experiment));
 }
 
 }  // namespace
@@ -194,104 +137,6 @@ struct RodProtocol::Bench {
 
 namespace {
 
-constexpr const char* rod_remedy = "; model = \"full\" takes the rest";
-
-[[noreturn]] void refuse_rod(const Experiment& experiment, const std::string& part, const std::string& what) {
-  throw FileError(experiment.path, part + ": " + what + rod_remedy);
-}
-
-/// The faces at the ends of the axis.
-struct EndFaces {
-  std::string base, tip;
-};
-EndFaces end_faces(const Experiment& experiment) {
-  return experiment.geometry.kind() == "box" ? EndFaces{"xmin", "xmax"} : EndFaces{"base", "tip"};
-}
-
-/// Everything that no rod has.
-void check_rod(const Experiment& experiment) {
-  const GeometrySettings& geometry = experiment.geometry;
-  if (!experiment.kind->at_rest)
-    refuse_rod(experiment, "[bench]", "a rod has no inertia here and takes readings at rest");
-  if ((geometry.kind() != "revolved" && geometry.kind() != "box") || geometry.dimension != 3) {
-    refuse_rod(experiment, "[geometry]",
-               fmt::format("a rod is made from a revolved body or a box, not from '{}'", geometry.kind()));
-  }
-  if (experiment.mesh.depth_cells > 0) refuse_rod(experiment, "[mesh]", "a rod is a whole body, not one half");
-  const EndFaces faces = end_faces(experiment);
-  if (experiment.supports.size() != 1 || experiment.supports.front().on != faces.base ||
-      experiment.supports.front().fix.size() != 3) {
-    refuse_rod(experiment, "[[support]]",
-               fmt::format("a rod has one support, '{}', with fix = [\"x\", \"y\", \"z\"]", faces.base));
-  }
-  if (experiment.materials.size() != 1) refuse_rod(experiment, "[materials]", "a rod is of one material");
-  const MaterialSettings& material = experiment.materials.front();
-  if (experiment.rod_section == SectionLaw::neo_hookean && material.law != "neo_hookean")
-    refuse_rod(
-        experiment, fmt::format("[materials.{}]", material.region),
-        fmt::format("the fibres of a rod are neo_hookean, not {}; set rod_section = \"linear\" for its E and nu alone",
-                    material.law));
-  if (experiment.contact.on || !experiment.contact.obstacles.empty() || !experiment.contact.grounds.empty())
-    refuse_rod(experiment, "[contact]", "a rod touches nothing; leave [contact] out");
-  for (const CableSettings& cable : experiment.cables.cables) {
-    if (!cable.held || !cable.line)
-      refuse_rod(experiment, fmt::format("cable '{}'", cable.id),
-                 "a rod's cables run beside its axis ('along', 'offset', 'angle') and their 'tension' is held");
-  }
-}
-
-/// A point of the world at rest, in a rod.
-RodPoint rod_point(const PlacedRod& placed, const std::vector<double>& at) {
-  const Vector3d own = placed.frame.transpose() * (vector_of(at) - placed.origin);
-  return {own[2], {own[0], own[1], 0}};
-}
-
-/// Where a load or a channel sits: the middle of the end face, or a point of the body.
-RodPoint rod_seat(const Experiment& experiment, const std::string& part, const std::string& on,
-                  const std::vector<double>& point, const PlacedRod& placed) {
-  const EndFaces faces = end_faces(experiment);
-  const double length = placed.rod.shape().length;
-  if (on == faces.tip) return {length, Vector3d::Zero()};
-  if (on.empty() && point.size() == 3) {
-    const RodPoint at = rod_point(placed, point);
-    if (at.s > -1e-6 * length && at.s < (1 + 1e-6) * length) return at;
-  }
-  refuse_rod(experiment, part, fmt::format("on a rod it stands on '{}' or at a point between its ends", faces.tip));
-}
-
-RodTendon tendon_along(const EyeletLine& line) {
-  return {line.start, line.end, [line](double s) {
-            const double t = (s - line.start) / (line.end - line.start);
-            return Eigen::Vector2d(std::lerp(line.offset, line.end_offset, t) *
-                                   Eigen::Vector2d(std::cos(line.angle), std::sin(line.angle)));
-          }};
-}
-
-RodChannel make_channel(const Experiment& experiment, const ChannelSettings& channel, const BodySettings& body,
-                        const PlacedRod& placed) {
-  const std::string part = fmt::format("[[channel]] '{}'", channel.id);
-  RodChannel made;
-  made.direction = vector_of(channel.direction).normalized();
-  made.rotation = channel.kind->name == "rotation";
-  made.from_rest = channel.kind->from_rest;
-  if (!made.rotation && channel.kind->name != "displacement" && channel.kind->name != "position")
-    refuse_rod(experiment, part,
-               fmt::format("a rod shows displacements, positions and rotations, and this is a {}", channel.kind->name));
-  if (channel.foot) {
-    made.at.s = *channel.foot;
-    if (!channel.standoff.empty())
-      made.at.offset = placed.frame.transpose() * rotation_of(body, 3) * vector_of(channel.standoff);
-    return made;
-  }
-  if (!channel.standoff.empty())
-    refuse_rod(experiment, part, "a rod carries markers on its axis; make it a [[marker]]");
-  if (made.rotation && channel.on != end_faces(experiment).tip)
-    refuse_rod(experiment, part,
-               fmt::format("a rod shows the rotation of its end face, '{}'", end_faces(experiment).tip));
-  made.at = rod_seat(experiment, part, channel.on, channel.point, placed);
-  return made;
-}
-
 /// "tension_1 = 6.154 N, tension_2 = 0 N".
 std::string described_controls(const ParameterTable& table, const std::vector<int>& controls,
                                const std::vector<double>& values) {
@@ -299,41 +144,6 @@ std::string described_controls(const ParameterTable& table, const std::vector<in
   for (size_t k = 0; k < controls.size(); ++k)
     texts.push_back(fmt::format("{} = {}", table[controls[k]].id, with_unit(values[k], table[controls[k]].unit)));
   return join(texts);
-}
-
-PlacedRod place_rod(const Experiment& experiment, const Division& division) {
-  experiment.geometry.shape->check();
-  BodySettings body;
-  body.geometry = experiment.geometry;
-  body.at = experiment.base_at;
-  body.turn = experiment.base_turn;
-  const BodyAxis axis = axis_of(body);
-  Matrix3d frame;
-  frame << axis.first, axis.second, axis.along;
-  RodShape shape;
-  shape.length = axis.length;
-  shape.nodes = nodes_of(division, experiment, axis.length);
-  shape.section = axis.section;
-  shape.round = experiment.geometry.kind() != "box";
-  if (!shape.round) shape.shear_factor = 5.0 / 6;
-  shape.law = experiment.rod_section;
-  if (!experiment.gravity_direction.empty())
-    shape.down = frame.transpose() * vector_of(experiment.gravity_direction).normalized();
-  for (const CableSettings& cable : experiment.cables.cables) shape.tendons.push_back(tendon_along(*cable.line));
-  PlacedRod placed{Rod(shape), axis.origin, frame, {}};
-  if (!experiment.loads.empty()) {
-    for (const LoadSettings& load : experiment.loads) {
-      const std::string part = fmt::format("[[load]] '{}'", load.id);
-      if (load.quantity != Quantity::force && load.quantity != Quantity::mass)
-        refuse_rod(experiment, part, "a rod carries forces and hung masses");
-      shape.forces.push_back({rod_seat(experiment, part, load.on, load.point, placed),
-                              frame.transpose() * vector_of(load.direction).normalized()});
-    }
-    placed.rod = Rod(shape);
-  }
-  for (const ChannelSettings& channel : experiment.channels)
-    placed.channels.push_back(make_channel(experiment, channel, body, placed));
-  return placed;
 }
 
 /// What the values of the rod are made of.
@@ -366,7 +176,7 @@ PlacedRod RodProtocol::Bench::placed_at(const Eigen::VectorXd& at) const {
     const double value = at[static_cast<Eigen::Index>(k)];
     if (value != dimensions[k].value) dimensions[k].set(moved, value);
   }
-  return place_rod(moved, division);
+  return placed_rod(moved, division);
 }
 
 const RodProtocol::Bench::Sides& RodProtocol::Bench::sides_of(size_t dimension) {
@@ -481,7 +291,7 @@ Eigen::VectorXd RodProtocol::displacements(const Mesh& mesh, const std::vector<d
   const auto state = bench_->states.find(controls);
   if (state == bench_->states.end()) return {};
   const PlacedRod& placed = *bench_->placed;
-  const PlacedRod meshed = place_rod(bench_->experiment, bench_->division);  // dimensions as the file has them
+  const PlacedRod meshed = placed_rod(bench_->experiment, bench_->division);  // dimensions as the file has them
   Eigen::VectorXd u(mesh.X.size());
   for (int i = 0; i < mesh.node_count(); ++i) {
     const Vector3d X = mesh.node(i), own = meshed.frame.transpose() * (X - meshed.origin);
@@ -588,7 +398,7 @@ RodBench make_rod_bench(const Experiment& experiment, const Trials& trials, cons
   made->controls = model.controls;
   made->values = products_of(experiment, model, made->table);
   made->division = divided(experiment);
-  made->placed.emplace(place_rod(experiment, made->division));
+  made->placed.emplace(placed_rod(experiment, made->division));
   for (const Dimension& dimension : dimensions) declare(dimension, made->table, made->nominal);
   made->sides.resize(dimensions.size());
   made->lengths = made->nominal.tail(static_cast<Eigen::Index>(dimensions.size()));

@@ -207,7 +207,7 @@ class Viscosity final : public RegionTerm<ElementGeometry<S>> {
         const Square& F = rates.F[q];
         const Square stress = 2 * c.mu * rates.dE[q];
         const double w = element.weight[q], pressure = c.lambda * rates.volume;
-        const Local FG = F * G, VG = volume_derivative(F) * G;
+        const Local FG = element.spread(F, q), VG = element.spread(volume_derivative(F), q);
         const Eigen::Matrix<double, N, N> GG = G.transpose() * G, GSG = G.transpose() * stress * G;
         const Square FF = F * F.transpose();
         for (int a = 0; a < N; ++a) {
@@ -259,10 +259,9 @@ class Viscosity final : public RegionTerm<ElementGeometry<S>> {
       Rates rates;
       std::array<Square, Q> there;
       for (size_t p = 0; p < Q; ++p) {
-        const auto& G = element.gradient[p];
-        const Square F = Square::Identity() + u_from * G.transpose(), dF = dx * G.transpose();
+        const Square F = Square::Identity() + element.slope(u_from, p), dF = element.slope(dx, p);
         there[p] = F;
-        rates.F[p] = Square::Identity() + u_to * G.transpose();
+        rates.F[p] = Square::Identity() + element.slope(u_to, p);
         rates.dE[p] = 0.5 * factor * (F.transpose() * dF + dF.transpose() * F);
       }
       rates.volume = factor / measure_of(element) * volume_gradient(element, there).cwiseProduct(dx).sum();
@@ -304,7 +303,7 @@ class Viscosity final : public RegionTerm<ElementGeometry<S>> {
   /// d/du of the integral of e over an element.
   Local volume_gradient(const Element& element, const std::array<Square, Q>& F) const {
     Local gradient = Local::Zero();
-    for (size_t q = 0; q < Q; ++q) gradient += element.weight[q] * volume_derivative(F[q]) * element.gradient[q];
+    for (size_t q = 0; q < Q; ++q) gradient += element.spread(element.weight[q] * volume_derivative(F[q]), q);
     return gradient;
   }
 
@@ -336,18 +335,18 @@ class Viscosity final : public RegionTerm<ElementGeometry<S>> {
     const Local v = step.rate[0] * now + step.rate[1] * previous + step.rate[2] * before;
     Rates rates;
     for (size_t q = 0; q < Q; ++q) {
-      const auto& G = element.gradient[q];
-      const Square H = now * G.transpose(), P = previous * G.transpose(), V = v * G.transpose();
+      const Square H = element.slope(now, q), P = element.slope(previous, q), V = element.slope(v, q),
+                   B = two ? element.slope(before, q) : Square::Zero();
       rates.F[q] = Square::Identity() + H;
       // The rates sum to zero: products of states may be taken relative to the previous one.
       const Square dH = H - P;
       Square quadratic = step.rate[0] * (dH.transpose() * dH);
       if (two) {
-        const Square dB = before * G.transpose() - P;
+        const Square dB = B - P;
         quadratic += step.rate[2] * (dB.transpose() * dB);
       }
       rates.volume += element.weight[q] * (step.rate[0] * volume_of(H) + step.rate[1] * volume_of(P) +
-                                           (two ? step.rate[2] * volume_of(before * G.transpose()) : 0.0));
+                                           (two ? step.rate[2] * volume_of(B) : 0.0));
       rates.dE[q] = 0.5 * (V + V.transpose() + P.transpose() * V + V.transpose() * P + quadratic);
     }
     rates.volume /= measure_of(element);
@@ -357,7 +356,7 @@ class Viscosity final : public RegionTerm<ElementGeometry<S>> {
   Local force_of(const Element& element, const Rates& rates, const Constants& c) const {
     Local force = c.lambda * rates.volume * volume_gradient(element, rates.F);
     for (size_t q = 0; q < Q; ++q)
-      force += (element.weight[q] * 2 * c.mu) * rates.F[q] * rates.dE[q] * element.gradient[q];
+      force += element.spread((element.weight[q] * 2 * c.mu) * rates.F[q] * rates.dE[q], q);
     return c.scale * force;
   }
 

@@ -35,10 +35,21 @@ struct ElementNodes {
 template <ElementShape S>
 struct ElementGeometry : ElementNodes<S> {
   using Reference = ReferenceElement<S>;          ///< shape functions and quadrature
-  using Local = typename ElementNodes<S>::Local;  ///< one column per node
+  using typename ElementNodes<S>::Local;
+  using ElementNodes<S>::D;
   static constexpr int Q = static_cast<int>(std::tuple_size_v<decltype(Reference::quadrature())>);
   std::array<double, Q> weight;   ///< of the rest volume (area) [m^D]
   std::array<Local, Q> gradient;  ///< dN/dX [1/m], one column per node
+
+  // Not inlined: everything calls these, and the compiler's memory goes with how often they are written out.
+  /// dv/dX at a quadrature point, of a field with these values at the nodes.
+  [[gnu::noinline]] Eigen::Matrix<double, D, D> slope(const Local& values, size_t q) const {
+    return values * gradient[q].transpose();
+  }
+  /// Nodes' forces from a first Piola-Kirchhoff stress there, times the volume: the transpose of slope().
+  [[gnu::noinline]] Local spread(const Eigen::Matrix<double, D, D>& stress, size_t q) const {
+    return stress * gradient[q];
+  }
 
   /// At the rest shape of element e.
   ElementGeometry(const Mesh& mesh, int e) : ElementNodes<S>(mesh, e) {

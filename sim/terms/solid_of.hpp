@@ -71,10 +71,10 @@ class Solid final : public RegionTerm<ElementGeometry<S>> {
       const double pressure = averages() ? volumetric * mean_dilatation(element, u) : 0.0;
       Local force = Local::Zero();
       for (size_t q = 0; q < Q; ++q) {
-        const Tensor<double, D> H = u * element.gradient[q].transpose();
+        const Tensor<double, D> H = element.slope(u, q);
         Tensor<double, D> P = law->stress_derivative(H, j);
         if (averages()) P += pressure * inverse_of<double, D>(H).transpose();
-        force.noalias() += (t * element.weight[q] * P) * element.gradient[q];
+        force += element.spread(t * element.weight[q] * P, q);
       }
       element.scatter(force, out);
     }
@@ -216,7 +216,7 @@ class Solid final : public RegionTerm<ElementGeometry<S>> {
 
   /// Second Piola-Kirchhoff stress of the law [Pa].
   Tensor<double, D> law_stress(const PointLaw<D>& law, const Geometry& element, const Local& u, size_t q) const {
-    const Tensor<double, D> H = u * element.gradient[q].transpose(), inverse = inverse_of<double, D>(H);
+    const Tensor<double, D> H = element.slope(u, q), inverse = inverse_of<double, D>(H);
     Tensor<double, D> P = law.stress(H);
     if (averages()) P += law.volumetric_modulus() * mean_dilatation(element, u) * inverse.transpose();
     return inverse * P;
@@ -225,8 +225,8 @@ class Solid final : public RegionTerm<ElementGeometry<S>> {
   /// Its change where displacements and parameters change; `stress` is what it is.
   Tensor<double, D> law_stress_change(const PointLaw<D>& law, const Geometry& element, const Local& u, const Local& du,
                                       const Params& dp, size_t q, const Tensor<double, D>& stress) const {
-    const Tensor<double, D> H = u * element.gradient[q].transpose(), inverse = inverse_of<double, D>(H);
-    const Tensor<double, D> dF = du * element.gradient[q].transpose();
+    const Tensor<double, D> H = element.slope(u, q), inverse = inverse_of<double, D>(H);
+    const Tensor<double, D> dF = element.slope(du, q);
     Tensor<double, D> dP = (law.tangent(H) * Eigen::Map<const Eigen::Matrix<double, DD, 1>>(dF.data())).reshaped(D, D);
     double mean = 0, modulus = 0, dmodulus = 0;
     if (averages()) {
@@ -242,8 +242,8 @@ class Solid final : public RegionTerm<ElementGeometry<S>> {
     if (averages()) {
       double dmean = 0, measure = 0;
       for (size_t k = 0; k < Q; ++k) {
-        const Tensor<double, D> there = u * element.gradient[k].transpose();
-        dmean += element.weight[k] * (inverse_of<double, D>(there) * du * element.gradient[k].transpose()).trace();
+        const Tensor<double, D> there = element.slope(u, k);
+        dmean += element.weight[k] * (inverse_of<double, D>(there) * element.slope(du, k)).trace();
         measure += element.weight[k];
       }
       dmean /= measure;
@@ -268,7 +268,7 @@ class Solid final : public RegionTerm<ElementGeometry<S>> {
   static double mean_dilatation(const Geometry& element, const Local& u) {
     double sum = 0, measure = 0;
     for (size_t q = 0; q < Q; ++q) {
-      const double j = jacobian_minus_one<double, D>(u * element.gradient[q].transpose());
+      const double j = jacobian_minus_one<double, D>(element.slope(u, q));
       sum += element.weight[q] * (j > -1.0 ? std::log1p(j) : std::nan(""));
       measure += element.weight[q];
     }
@@ -297,7 +297,7 @@ class Solid final : public RegionTerm<ElementGeometry<S>> {
     for (size_t q = 0; q < Q; ++q) {
       const auto& G = element.gradient[q];
       const double w = t * element.weight[q];
-      const Tensor<double, D> H = u * G.transpose();
+      const Tensor<double, D> H = element.slope(u, q);
       const double density = law.energy(H);
       if (!std::isfinite(density)) return infinity;
       energy += w * density;
@@ -310,10 +310,10 @@ class Solid final : public RegionTerm<ElementGeometry<S>> {
       Tensor<double, D> inverse;
       if (averaged) {
         inverse = inverse_of<double, D>(H);
-        dilatation.noalias() += w * inverse.transpose() * G;
+        dilatation += element.spread(w * inverse.transpose(), q);
       }
-      if (wants_gradient) force.noalias() += (w * law.stress(H)) * G;
-      if (wants_gradient && !relaxation.pairs.empty()) force += (past + H * past) * G;
+      if (wants_gradient) force += element.spread(w * law.stress(H), q);
+      if (wants_gradient && !relaxation.pairs.empty()) force += element.spread(past + H * past, q);
       if (!wants_hessian) continue;
       if (out.curvature == Curvature::projected) {
         add_stiffness(G, w, projected_tangent(law, H), K);
