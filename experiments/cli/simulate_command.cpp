@@ -15,9 +15,11 @@
 #include "reports/run_record.hpp"
 #include "reports/simulation_report.hpp"
 #include "sim/core/error.hpp"
+#include "sim/core/numbers.hpp"
 #include "sim/files/simulation.hpp"
 #include "sim/robots/simulate.hpp"
 #include "sim/robots/workspace.hpp"
+#include "sim/solve/reduction.hpp"
 
 namespace taut {
 namespace {
@@ -79,8 +81,13 @@ void add_facts(const Simulation& simulation, const Robot& robot, const Simulatio
   const auto add = [&](const char* label, const std::string& text) { record.facts.emplace_back(label, text); };
   const Mesh& mesh = robot.scene.model->mesh();
   const size_t states = result.states.size();
-  add("model", fmt::format("{} bodies, {} {} elements, {} unknowns", mesh.parts.size(), mesh.element_count(),
-                           order_of(mesh.shape) == 1 ? "linear" : "quadratic", robot.scene.model->free_unknowns()));
+  add("model", fmt::format("{} {}, {} {} elements, {} unknowns", mesh.parts.size(),
+                           mesh.parts.size() == 1 ? "body" : "bodies", mesh.element_count(),
+                           order_of(mesh.shape) == 1 ? "linear" : "quadratic", Reduction(*robot.scene.model).size()));
+  if (simulation.rigid_segments)
+    add("rigid", fmt::format("{}: over 100 times as stiff as the softest region and taken not to deform; how much that "
+                             "changes is not estimated here: compare with model = \"full\"",
+                             join(rigid_regions(simulation), " and ")));
   add("time integration", integrator_text(simulation));
   add("took", fmt::format("{:.3g} s for {}: {} steps, {} repeated, {} Newton iterations, {} factorisations",
                           result.seconds, with_unit(result.times.back(), "s"), result.steps, result.repeated,
@@ -299,7 +306,7 @@ int check_simulation(const CommandOptions& options) {
   for (const std::string& remark : mesh.remarks) lines.emplace_back("mesh", remark);
   if (const std::string text = blind_patches(robot); !text.empty()) lines.emplace_back("no contact of", text);
   if (!simulation.encoding.empty()) lines.emplace_back("file", simulation.encoding);
-  lines.emplace_back("unknowns", fmt::format("{}", robot.scene.model->free_unknowns()));
+  lines.emplace_back("unknowns", fmt::format("{}", Reduction(*robot.scene.model).size()));
   lines.emplace_back("time integration",
                      integrator_text(simulation) + fmt::format(", {} in all", with_unit(simulation.duration, "s")));
   for (size_t k = 0; k < robot.controls.size(); ++k) {

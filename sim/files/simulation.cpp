@@ -47,6 +47,7 @@ void read_method(TableReader table, Simulation& simulation) {
     table.fail("tolerance", "a number from 0 (fixed steps) to 0.1 belongs here, relative to the size of the scene");
   simulation.from_equilibrium = table.choice("start", {"rest", "equilibrium"}) == "equilibrium";
   simulation.frames = table.integer("frames", simulation.frames, 2);
+  simulation.rigid_segments = table.choice("model", {"full", "rigid_segments"}) == "rigid_segments";
   simulation.mass = read_mass_form(table);
   simulation.dimension = table.integer("dimension", 2, 2);
   if (simulation.dimension > 3) table.fail("dimension", "2 or 3 belongs here");
@@ -56,6 +57,11 @@ void read_method(TableReader table, Simulation& simulation) {
     if (!(*gravity > 0)) table.fail("gravity", "the acceleration must be positive; 'direction' says where to");
     simulation.gravity_direction = direction_of(table, simulation.dimension);
   }
+  if (simulation.rigid_segments &&
+      (simulation.method == Method::cvode || simulation.method == Method::arkode_implicit ||
+       simulation.method == Method::arkode_explicit))
+    table.fail("model",
+               "SUNDIALS' integrators know no rigid segments; set integrator = \"implicit_euler\" or \"bdf2\"");
   EquilibriumOptions& options = simulation.equilibrium;
   options.max_iterations = table.integer("max_iterations", 60, 1);
   table.finish();

@@ -33,6 +33,7 @@ const SceneReading& Robot::reading(const std::string& id) const {
 Robot make_robot(const Simulation& simulation) {
   SceneOptions options;
   options.over_time = simulation.method != SimulationMethod::quasi_static;
+  options.rigid_segments = simulation.rigid_segments;
   options.free_bodies = options.over_time ? FreeBodies::move : FreeBodies::none;
   Robot robot{build_scene(simulation, options), {}};
   robot.scene.values = robot.at(simulation, 0);

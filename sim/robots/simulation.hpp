@@ -60,6 +60,7 @@ struct Simulation : Setup {
   double tolerance = 0;                    ///< 0: fixed steps
   bool from_equilibrium = false;           ///< start under loads and gravity in equilibrium, not at rest without them
   int frames = 60;                         ///< stored states
+  bool rigid_segments = false;             ///< see SceneOptions::rigid_segments
   std::vector<ControlSchedule> schedules;  ///< as controls
   std::vector<RobotPlot> plots;
   std::optional<WorkspaceSettings> workspace;

@@ -150,7 +150,7 @@ class Assembler {
     }
     if (!material.prony.empty())
       throw InputError("what cannot deform has no 'prony'; take it out, or set model = \"full\"");
-    builder_.add_rigid(material.region);
+    builder_.add_rigid(material.region, modulus_of(material));
     for (auto& [spec, value] : region_parameters(material.region, material.law, material.constants))
       builder_.declare(std::move(spec), value);
   }

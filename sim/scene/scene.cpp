@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <functional>
+#include <optional>
 #include <stdexcept>
 #include <type_traits>
 
@@ -152,10 +153,11 @@ void SceneBuilder::add_solid(const std::string& region, const std::string& law,
   terms_.push_back(make_solid(mesh_, definition));
 }
 
-void SceneBuilder::add_rigid(const std::string& region) {
+void SceneBuilder::add_rigid(const std::string& region, double modulus) {
   const size_t index = static_cast<size_t>(mesh_.region_index(region));
   if (has_material_[index]) throw InputError(fmt::format("region '{}' has two materials; give it one", region));
   has_material_[index] = rigid_[index] = true;
+  stiffness_[index] = modulus;
 }
 
 void SceneBuilder::support(const std::string& tag, int component, int control) {
@@ -578,8 +580,41 @@ void SceneBuilder::hold_free_bodies() {
   }
 }
 
-/// Connected pieces of each region, and of all rigid ones together: what touches moves as one. Rigid pieces that are
-/// clamped get supports on all their nodes.
+/// All nodes of a rigid piece get the supports that some of its nodes have.
+void SceneBuilder::hold_rigid(const Body& body) {
+  const int d = mesh_.dimension();
+  std::vector<std::optional<int>> control(static_cast<size_t>(d));  // of each component; -1: clamped
+  int held = 0;                                                     // nodes
+  bool alike = true;
+  for (int node : body.nodes) {
+    int components = 0;
+    for (int i = 0; i < d; ++i) {
+      const auto support = supports_.find(node * d + i);
+      if (support == supports_.end()) continue;
+      ++components;
+      std::optional<int>& known = control[static_cast<size_t>(i)];
+      alike = alike && known.value_or(support->second.parameter) == support->second.parameter;
+      known = support->second.parameter;
+    }
+    held += components == d ? 1 : 0;
+    alike = alike && (components == 0 || components == d);
+  }
+  if (held < d || !alike) {
+    const Eigen::VectorXd at = 1e3 * mesh_.node(body.nodes.front());
+    throw InputError(fmt::format(
+        "a rigid body (with the node at {:.4g}, {:.4g} mm) has supports that do not hold it as a whole; fix "
+        "all components on one of its faces, or move that face as one, or leave it free",
+        at[0], at[1]));
+  }
+  for (int node : body.nodes) {
+    for (int i = 0; i < d; ++i) {
+      const int by = *control[static_cast<size_t>(i)];
+      supports_.insert_or_assign(node * d + i, Support{node * d + i, by, by < 0 ? 0.0 : 1.0});
+    }
+  }
+}
+
+/// Connected pieces of each region, and of all rigid ones together: what touches moves as one.
 std::vector<Body> SceneBuilder::bodies() {
   const int d = mesh_.dimension();
   std::vector<Body> bodies;
@@ -605,28 +640,7 @@ std::vector<Body> SceneBuilder::bodies() {
   if (std::find(rigid_.begin(), rigid_.end(), true) == rigid_.end()) return bodies;
   add_pieces(-1, [&](int e) { return rigid_[static_cast<size_t>(mesh_.region[static_cast<size_t>(e)])]; });
   for (const Body& body : bodies) {
-    if (!body.rigid() || !body.supported) continue;
-    const auto clamped = [&](int dof) {
-      const auto support = supports_.find(dof);
-      return support != supports_.end() && support->second.parameter < 0;
-    };
-    const auto held = std::count_if(body.nodes.begin(), body.nodes.end(), [&](int node) {
-      return clamped(node * d) && clamped(node * d + 1) && (d == 2 || clamped(node * d + 2));
-    });
-    const bool moved = std::any_of(body.nodes.begin(), body.nodes.end(), [&](int node) {
-      const auto support = supports_.lower_bound(node * d);
-      return support != supports_.end() && support->first < (node + 1) * d && !clamped(support->first);
-    });
-    if (held < d || moved) {
-      const Eigen::VectorXd at = 1e3 * mesh_.node(body.nodes.front());
-      throw InputError(
-          fmt::format("a rigid body (with the node at {:.4g}, {:.4g} mm) has supports that do not clamp it; fix all "
-                      "components on one of its faces, or none",
-                      at[0], at[1]));
-    }
-    for (int node : body.nodes) {
-      for (int i = 0; i < d; ++i) supports_.insert_or_assign(node * d + i, Support{node * d + i, -1, 0.0});
-    }
+    if (body.rigid() && body.supported) hold_rigid(body);
   }
   return bodies;
 }

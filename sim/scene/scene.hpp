@@ -73,9 +73,10 @@ class SceneBuilder {
                  Formulation formulation = Formulation::standard,
                  const std::vector<std::pair<double, double>>& prony = {});
 
-  /// A region without strain: each connected piece of it moves as one, by three unknowns in 2D and six in 3D. Statics
-  /// only. A piece that is supported at all has to be clamped: build() throws InputError otherwise.
-  void add_rigid(const std::string& region);
+  /// A region without strain: each connected piece of it moves as one, by three unknowns in 2D and six in 3D. A piece
+  /// that is supported at all has to be held as a whole, each component of a face clamped or prescribed by one control:
+  /// build() throws InputError otherwise. `modulus` [Pa] is what joints and clamps measure themselves by.
+  void add_rigid(const std::string& region, double modulus);
 
   /// Clamps components (0 = x, ...) of all nodes of a tag.
   void fix(const std::string& tag, const std::vector<int>& components);
@@ -166,6 +167,7 @@ class SceneBuilder {
   std::vector<LooseBody> loose_bodies() const;
   void hold_free_bodies();
   bool may_be_held(const std::vector<int>& part, int which) const;
+  void hold_rigid(const Body& body);
   std::vector<Body> bodies();
   void check_direction(const Eigen::VectorXd& direction) const;
 

@@ -58,7 +58,8 @@ Eigen::VectorXd Motion::along(const Eigen::VectorXd& u, const Eigen::VectorXd& s
         d == 2 ? Eigen::Vector3d(0, 0, momentum[2] / inertia(2, 2)) : Eigen::Vector3d(inertia.ldlt().solve(momentum));
     for (int node : body->nodes) {
       const Eigen::Vector3d r = lifted(model_->mesh().X, node) + lifted(u, node) - centre;
-      const Eigen::Vector3d strained = fraction * (lifted(step, node) - translation - w.cross(r));
+      Eigen::Vector3d strained = Eigen::Vector3d::Zero();
+      if (!body->rigid()) strained = fraction * (lifted(step, node) - translation - w.cross(r));
       const Eigen::Vector3d moved = fraction * translation + turned_by(fraction * w, r + strained) + strained;
       result.segment(node * d, d) = u.segment(node * d, d) + moved.head(d);
     }

@@ -10,9 +10,10 @@ namespace taut {
 /// the angle; the energy of that hides the progress of everything soft. Here stiff bodies turn as they are: with c, t
 /// the mean position and step of a body's nodes, r = x - c, and w the step's mean rotation,
 ///
-///   x(a) = c + a t + R(a w) (r + a (step - t - w x r)),   x(a) = x + a step for all other nodes.
+///   x(a) = c + a t + R(a w) (r + a (step - t - w x r)),   x(a) = x + a step for all other nodes,
 ///
-/// dx/da at a = 0 is the step, so Newton's order and the slope of the energy are untouched.
+/// without the strain, step - t - w x r, of what is rigid. dx/da at a = 0 is the step, so Newton's order and the slope
+/// of the energy are untouched.
 class Motion {
  public:
   /// Bodies without supports whose modulus at `p` is more than 100 times the softest one's count as stiff, rigid ones

@@ -61,9 +61,6 @@ TimeStepper::TimeStepper(const Model& model, TimeStepperOptions options)
     : model_(&model), options_(options), minimiser_(model, options.equilibrium), next_step_(options.step) {
   if (!(options.step > 0) || options.tolerance < 0 || !(options.shortest > 0))
     throw std::logic_error("a time stepper needs a positive step, and a tolerance of zero or more");
-  for (const Body& body : model.bodies()) {
-    if (body.rigid()) throw std::logic_error("rigid regions are for statics");
-  }
 }
 
 void TimeStepper::start(double t, const Eigen::VectorXd& u, const Eigen::VectorXd& v, const Schedule& schedule,
@@ -205,6 +202,7 @@ TrajectoryGradient adjoint_gradient(const Model& model, const std::vector<Accept
   // Derivatives of Q with respect to the state at the end of this step and of the two before it.
   std::array<Eigen::VectorXd, 3> u{zero, zero, zero}, v{zero, zero, zero};
   Hessian hessian(model);
+  const Reduction& unknowns = hessian.reduction();
   for (size_t k = steps.size(); k-- > 0;) {
     const AcceptedStep& step = steps[k];
     const std::array<double, 3>& rate = step.step.rate;
@@ -213,7 +211,8 @@ TrajectoryGradient adjoint_gradient(const Model& model, const std::vector<Accept
     for (size_t i = 0; i < 3; ++i) u[i] += rate[i] * v[0];  // v = sum of rate * u
     hessian.assemble(at, Curvature::exact, nullptr);
     if (!hessian.factorise()) throw std::logic_error("a time step's Hessian is not positive definite at its minimum");
-    const Eigen::VectorXd lambda = model.extend_from_free(hessian.solve(model.restrict_to_free(u[0])));
+    const Eigen::VectorXd lambda =
+        unknowns.extend_from_free(at.u, hessian.solve(unknowns.restrict_to_free(at.u, u[0])));
     const Eigen::VectorXd at_supports = u[0] - model.hessian_times(at, lambda);
     for (size_t i = 0; i < indices.size(); ++i) {
       result(i, k) =

@@ -11,6 +11,7 @@
 #include "sim/robots/simulate.hpp"
 #include "sim/robots/workspace.hpp"
 #include "tests/support/experiment_files.hpp"
+#include "tests/support/message.hpp"
 
 // Scenes of several bodies against what is known of them without a simulation.
 namespace taut {
@@ -538,6 +539,119 @@ TEST(StartInEquilibrium, LeavesFreeBodiesWhereTheyWerePutWithTheirVelocity) {
   // What hangs by cables is held: half of its weight over the cosine of the cables' slope.
   const double weight = 1000 * 20e-3 * 8e-3 * 10e-3 * g, cosine = 34 / std::hypot(34.0, 4.0);
   for (const double tension : run.channel("tension")) EXPECT_NEAR(tension, 0.5 * weight / cosine, 0.01 * weight);
+}
+
+// A plastic rod on a pin, let go where it is horizontal, and a soft pad far away, which makes it rigid.
+const std::string rod_and_pad = R"(title = "Rod"
+[simulation]
+model = "rigid_segments"
+integrator = "bdf2"
+duration = "160 ms"
+step = "0.5 ms"
+thickness = "10 mm"
+gravity = "9.81 m/s2"
+direction = [0, -1]
+[materials.plastic]
+law = "neo_hookean"
+E = "2.3 GPa"
+nu = 0.35
+density = "1050 kg/m3"
+[materials.foam]
+law = "neo_hookean"
+E = "60 kPa"
+nu = 0.2
+density = "30 kg/m3"
+[[body]]
+name = "rod"
+geometry = { kind = "rectangle", size = ["100 mm", "4 mm"], origin = ["0 mm", "-2 mm"], region = "plastic" }
+mesh = { cells = [20, 1], element = "linear" }
+[[body]]
+name = "pad"
+geometry = { kind = "rectangle", size = ["10 mm", "10 mm"], region = "foam" }
+mesh = { cells = [2, 2], element = "linear" }
+at = ["300 mm", "0 mm"]
+clamped = ["ymin"]
+[[joint]]
+id = "pin"
+between = ["world", "rod"]
+at = ["0 mm", "0 mm"]
+radius = "2 mm"
+[[channel]]
+id = "turn"
+kind = "rotation"
+of = "rod.xmax"
+)";
+
+TEST(RigidSegments, ARodOnAPinFallsAsAPhysicalPendulumDoes) {
+  const Scenario rod(rod_and_pad);
+  ASSERT_EQ(rod.result.failure, "");
+  // From 90 degrees to the vertical it takes a quarter of the period, 4 sqrt(I/(m g L/2)) K(sin 45 deg).
+  const double L = 0.1, w = 0.004, g = 9.81;
+  const double quarter = std::sqrt((L * L / 3 + w * w / 12) / (g * 0.5 * L)) * std::comp_ellint_1(std::sqrt(0.5));
+  const std::vector<double>& turn = rod.channel("turn");
+  const auto passed = std::ranges::find_if(turn, [](double angle) { return angle < -0.5 * std::numbers::pi; });
+  ASSERT_NE(passed, turn.end());
+  const auto k = static_cast<size_t>(passed - turn.begin());
+  const double part = (turn[k - 1] + 0.5 * std::numbers::pi) / (turn[k - 1] - turn[k]);
+  EXPECT_NEAR(std::lerp(rod.result.times[k - 1], rod.result.times[k], part), quarter, 1e-3 * quarter);
+}
+
+TEST(RigidSegments, AFingerBendsAsWithPlasticAThousandTimesAsStiffAsItsFoam) {
+  const auto finger = [](const char* model) {
+    return Scenario(fmt::format(R"(title = "Finger"
+[simulation]
+model = "{}"
+integrator = "static"
+duration = "1 s"
+step = "250 ms"
+thickness = "20 mm"
+[materials.foam]
+law = "neo_hookean"
+E = "60 kPa"
+nu = 0.2
+[materials.plastic]
+law = "neo_hookean"
+E = "2.3 GPa"
+nu = 0.35
+[[body]]
+name = "finger"
+geometry = {{ kind = "finger", segments = 3 }}
+mesh = {{ size = "3 mm", element = "linear" }}
+clamped = ["base"]
+[[control]]
+id = "pull"
+start = "0 mm"
+[[control.piece]]
+until = "1 s"
+to = "3 mm"
+[[cable]]
+id = "tendon"
+body = "finger"
+path = "cable"
+anchored = true
+k = "17 N/mm"
+retraction = "pull"
+[[channel]]
+id = "turn"
+kind = "rotation"
+of = "finger.tip"
+)",
+                                model));
+  };
+  const Scenario full = finger("full"), rigid = finger("rigid_segments");
+  ASSERT_EQ(rigid.result.failure, "");
+  ASSERT_GT(std::abs(full.channel("turn").back()), 0.2) << "it bends";
+  EXPECT_NEAR(rigid.channel("turn").back() / full.channel("turn").back(), 1, 2e-3);
+  EXPECT_NE(rigid.channel("turn").back(), full.channel("turn").back());
+}
+
+TEST(RigidSegments, WhatTheyCannotServeIsRefused) {
+  const auto refused = [](const std::string& toml, const std::string& why) {
+    expect_input_error([&] { Scenario scenario(toml); }, {why});
+  };
+  refused(replaced(rod_and_pad, "\"bdf2\"", "\"cvode\""), "SUNDIALS' integrators know no rigid segments");
+  refused(replaced(rod_and_pad, "2.3 GPa", "1 MPa"), "no region is more than 100 times as stiff");
+  refused(replaced(rod_and_pad, "\"rigid_segments\"", "\"rigid\""), "rigid_segments");
 }
 
 }  // namespace

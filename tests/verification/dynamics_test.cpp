@@ -35,13 +35,18 @@ std::vector<double> zero_crossings(TimeStepper& stepper, double end, Quantity&& 
   return times;
 }
 
-TEST(Pendulum, ABodyOnAFreePinSwingsWithThePeriodOfThePhysicalPendulum) {
+class Pendulum : public ::testing::TestWithParam<bool> {};
+
+TEST_P(Pendulum, ABodyOnAFreePinSwingsWithThePeriodOfThePhysicalPendulum) {
   // Uniform rod of 100 x 4 mm about its end; T / T0 = (2/pi) K(sin(A/2)): 1.017409 at 30 and 1.180341 at 90 degrees.
   const double L = 0.1, w = 0.004, g = 9.81;
   Mesh mesh = rectangle(graded(w, 1), graded(L, 8), 2, "rod");
   place(mesh, Eigen::Matrix2d::Identity(), Eigen::Vector2d(-0.5 * w, -L));
   SceneBuilder builder(std::move(mesh), Plane::strain, 0.01);
-  builder.add_solid("rod", "neo_hookean", {{"E", 1e8}, {"nu", 0.3}});
+  if (GetParam())
+    builder.add_rigid("rod", 1e8);
+  else
+    builder.add_solid("rod", "neo_hookean", {{"E", 1e8}, {"nu", 0.3}});
   const int gravity = builder.declare({"g", "g", "m/s2", 0, 100, "gravity"}, g);
   builder.add_weight("rod", 1000, Eigen::Vector2d(0, -1), gravity);
   builder.add_inertia("rod", 1000);
@@ -75,6 +80,7 @@ TEST(Pendulum, ABodyOnAFreePinSwingsWithThePeriodOfThePhysicalPendulum) {
     EXPECT_NEAR(fine / (ratio * T0), 1, 3e-3) << degrees;
   }
 }
+INSTANTIATE_TEST_SUITE_P(ElasticOrRigid, Pendulum, ::testing::Bool());
 
 TEST(Cantilever, SwingsWithItsFirstBendingFrequency) {
   // f1 = 1.87510^2 / (2 pi L^2) sqrt(E I / (rho A)); shear and rotary inertia lower it by 0.3 % at L / H = 20.
