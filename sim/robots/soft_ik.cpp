@@ -23,13 +23,21 @@ constexpr double worthwhile_error = 0.01;  ///< what a step has to take off the 
 constexpr double worthwhile_gain = 1e-4;   ///< what a step has to take off the squared distance to the nominal controls
 constexpr double longest_trial = 0.25;     ///< what a step changes a control by at most
 constexpr double shortest_trial = 1e-3;    ///< the length of a step that is not worth to be shortened
+constexpr double kink_change = 0.3;        ///< what a control's effect gains or loses at least where it has a kink
+constexpr double kink_step = 0.1;          ///< what the control moves by at most when one is looked for
 constexpr double same_end = 0.1;           ///< a search that comes so near to where another ended is going there
 constexpr double slope_step = 1e-4;        ///< half the way between two Hessians whose difference is a slope
 
-/// The step s from q that minimises g . s + s . B s / 2 with 0 <= q + s <= 1: controls that leave are held at their
-/// bounds and the others solved again, until none held would go back inside; empty when B is not positive definite on
-/// those.
-Eigen::VectorXd bounded_step(const Eigen::MatrixXd& B, const Eigen::VectorXd& g, const Eigen::VectorXd& q) {
+/// Between what the controls stay, in fractions of their ranges.
+struct Bounds {
+  Eigen::VectorXd lower, upper;
+};
+
+/// The step s from q that minimises g . s + s . B s / 2 with lower <= q + s <= upper: controls that leave are held at
+/// their bounds and the others solved again, until none held would go back inside; empty when B is not positive
+/// definite on those.
+Eigen::VectorXd bounded_step(const Eigen::MatrixXd& B, const Eigen::VectorXd& g, const Eigen::VectorXd& q,
+                             const Bounds& bounds) {
   Eigen::VectorXd step = Eigen::VectorXd::Zero(q.size());
   std::vector<bool> held(static_cast<size_t>(q.size()), false);
   for (Eigen::Index round = 0; round < 3 * q.size(); ++round) {
@@ -44,8 +52,8 @@ Eigen::VectorXd bounded_step(const Eigen::MatrixXd& B, const Eigen::VectorXd& g,
     step(free) = -*inner;
     bool inside = true;
     for (Eigen::Index j : free) {
-      if (q[j] + step[j] >= 0 && q[j] + step[j] <= 1) continue;
-      step[j] = (step[j] < 0 ? 0.0 : 1.0) - q[j];
+      if (q[j] + step[j] >= bounds.lower[j] && q[j] + step[j] <= bounds.upper[j]) continue;
+      step[j] = (q[j] + step[j] < bounds.lower[j] ? bounds.lower : bounds.upper)[j] - q[j];
       held[static_cast<size_t>(j)] = true;
       inside = false;
     }
@@ -53,8 +61,9 @@ Eigen::VectorXd bounded_step(const Eigen::MatrixXd& B, const Eigen::VectorXd& g,
     const Eigen::VectorXd left = g + B * step;
     Eigen::Index worst = -1;
     for (Eigen::Index j = 0; j < q.size(); ++j) {
-      const bool lower = q[j] + step[j] < 0.5;
-      if (!held[static_cast<size_t>(j)] || (lower ? left[j] >= 0 : left[j] <= 0)) continue;
+      const bool lower = q[j] + step[j] < 0.5 * (bounds.lower[j] + bounds.upper[j]);
+      if (!held[static_cast<size_t>(j)] || bounds.lower[j] == bounds.upper[j] || (lower ? left[j] >= 0 : left[j] <= 0))
+        continue;
       if (worst < 0 || std::abs(left[j]) > std::abs(left[worst])) worst = j;
     }
     if (worst < 0) break;
@@ -98,8 +107,8 @@ struct Quadratic {
     scale = squares.diagonal();
     scale = scale.cwiseMax(1e-6 * scale.maxCoeff() + 1e-12);
   }
-  Eigen::VectorXd step(double damping) const {
-    return bounded_step(B + Eigen::MatrixXd(damping * scale.asDiagonal()), g, q);
+  Eigen::VectorXd step(double damping, const Bounds& bounds) const {
+    return bounded_step(B + Eigen::MatrixXd(damping * scale.asDiagonal()), g, q, bounds);
   }
   /// How much the sum is to fall with a step.
   double promise(const Eigen::VectorXd& s) const { return -g.dot(s) - 0.5 * s.dot(B * s); }
@@ -184,6 +193,7 @@ class SoftIk::Search {
   /// From where the equilibrium is (the nominal controls at rest), and while targets are not reached from other starts.
   IkResult run() {
     if (is_folded()) ik_.forget();  // no start
+    holds_left_ = 2 * static_cast<int>(controls());
     const Eigen::VectorXd u = ik_.equilibrium_.u();
     const Params p = ik_.equilibrium_.p();
     const Eigen::VectorXd start = ik_.at_rest_ ? nominal_ : ik_.to_range(p(ik_.indices_));
@@ -245,6 +255,7 @@ class SoftIk::Search {
     if (best_.q.size() > 0) most_ = 3 * ik_.factorisations_;
     for (int k = 0; k < std::min(3, ik_.options_.restarts) && !best_.reached && !tired(); ++k) {
       if (others[k] == start) continue;
+      ik_.kinks_.clear();
       ik_.equilibrium_.start_at(u, p);
       attempt(others[k]);
     }
@@ -256,6 +267,10 @@ class SoftIk::Search {
     Iterate at;
     if (!start(from, at)) return;
     pull_ = nominal_pull * at.J.colwise().squaredNorm().maxCoeff();
+    // What holds near the last target says nothing of one that is far.
+    const Eigen::MatrixXd nothing = Eigen::MatrixXd::Zero(controls(), controls());
+    const Eigen::VectorXd first = Quadratic(at, nothing, nominal_, pull_).step(0, bounds(at));
+    if (first.size() == 0 || first.cwiseAbs().maxCoeff() > kink_step) ik_.kinks_.clear();
     minimise(at);
     if (!settle(at) || !(at.e.norm() < best_.distance)) return;
     if (best_.q.size() > 0 && (is_folded() || (best_.settled && !settled_))) return;
@@ -274,14 +289,96 @@ class SoftIk::Search {
       Iterate along = now;
       along.e.setZero();
       const Quadratic near(along, nothing, nominal_, pull_);
-      const Eigen::VectorXd step = shortened(near.step(0), longest);
-      if (step.size() == 0 || near.gain(step) <= worthwhile_gain * near.offset.squaredNorm()) break;
+      const Eigen::VectorXd step = shortened(near.step(0, bounds(now)), longest);
+      if (step.size() == 0 || near.gain(step) <= worthwhile_gain * near.offset.squaredNorm()) {
+        if (!let_go(now)) break;
+        longest = std::numeric_limits<double>::infinity();
+        continue;
+      }
       Iterate trial;
-      const bool closer = go_on(now, step, trial) && approach(trial, 5) && within(trial) &&
-                          (trial.q - nominal_).norm() < (now.q - nominal_).norm();
-      longest = (closer ? 2 : 0.25) * step.norm();
+      const bool tried = go_on(now, step, trial);
+      const std::optional<Kink> kink = tried ? kink_between(now, trial) : std::nullopt;
+      const bool closer =
+          tried && approach(trial, 5) && within(trial) && (trial.q - nominal_).norm() < (now.q - nominal_).norm();
       if (closer) now = trial;
+      // What it holds is no longer what made it fail.
+      longest =
+          !closer && kink && hold(*kink) ? std::numeric_limits<double>::infinity() : (closer ? 2 : 0.25) * step.norm();
     }
+  }
+
+  /// Between what the controls stay: their bounds, and the kinks at which they are held.
+  Bounds bounds(const Iterate& now) const {
+    Bounds bounds{Eigen::VectorXd::Zero(controls()), Eigen::VectorXd::Ones(controls())};
+    for (const Kink& kink : ik_.kinks_) {
+      bounds.lower[kink.control] = std::min(kink.at, now.q[kink.control]);
+      bounds.upper[kink.control] = std::max(kink.at, now.q[kink.control]);
+    }
+    return bounds;
+  }
+  /// Where on the way of a trial the effect of a control changed most, if it did: the place at which the errors of both
+  /// sides, each linear, agree best.
+  std::optional<Kink> kink_between(const Iterate& now, const Iterate& trial) const {
+    if (!now.linear || !trial.linear) return std::nullopt;
+    const Eigen::VectorXd step = trial.q - now.q;
+    std::optional<Eigen::Index> most;
+    double largest = 0;
+    for (Eigen::Index j = 0; j < step.size(); ++j) {
+      // A direction turns with the robot, and over a long way all effects change.
+      if (std::abs(step[j]) > kink_step) continue;
+      const double change = std::abs(trial.J.col(j).norm() - now.J.col(j).norm());
+      if (change < kink_change * std::max(trial.J.col(j).norm(), now.J.col(j).norm())) continue;
+      if (change * std::abs(step[j]) > largest) most = j;
+      largest = std::max(largest, change * std::abs(step[j]));
+    }
+    if (!most) return std::nullopt;
+    const Eigen::VectorXd apart = (now.J - trial.J) * step;
+    const double part = apart.dot(trial.e - now.e - trial.J * step) / apart.squaredNorm();
+    if (!std::isfinite(part)) return std::nullopt;
+    const bool up = step[*most] > 0;
+    return Kink{*most, now.q[*most] + std::clamp(part, 0.0, 1.0) * step[*most], (up ? now : trial).J.col(*most),
+                (up ? trial : now).J.col(*most)};
+  }
+  /// Holds a control at a kink from now on; false when that has been done often enough.
+  bool hold(const Kink& kink) {
+    if (--holds_left_ < 0) return false;
+    std::erase_if(ik_.kinks_, [&](const Kink& other) { return other.control == kink.control; });
+    ik_.kinks_.push_back(kink);
+    return true;
+  }
+  /// Lets a held control go where on one of its sides the controls come nearer to the nominal ones, both by its effect
+  /// on that side of the kink and by its effect here; false: none does. Once for each control and target.
+  bool let_go(Iterate& now) {
+    const Eigen::MatrixXd nothing = Eigen::MatrixXd::Zero(controls(), controls());
+    for (auto kink = ik_.kinks_.begin(); kink != ik_.kinks_.end(); ++kink) {
+      if (std::ranges::count(let_go_, kink->control) > 0) continue;
+      for (const bool up : {false, true}) {
+        Bounds side = bounds(now);
+        (up ? side.upper : side.lower)[kink->control] = up ? 1 : 0;
+        Iterate along = now;
+        along.e.setZero();
+        const auto gains = [&] {
+          const Quadratic near(along, nothing, nominal_, pull_);
+          const Eigen::VectorXd step = near.step(0, side);
+          return step.size() > 0 && near.gain(step) > worthwhile_gain * near.offset.squaredNorm();
+        };
+        if (!gains()) continue;
+        along.J.col(kink->control) = up ? kink->above : kink->below;
+        if (!gains()) continue;
+        now.J = along.J;
+        let_go_.push_back(kink->control);
+        ik_.kinks_.erase(kink);
+        return true;
+      }
+    }
+    return false;
+  }
+  /// Where nothing is found with held controls, they are free again, for good.
+  bool give_in() {
+    if (ik_.kinks_.empty()) return false;
+    ik_.kinks_.clear();
+    holds_left_ = 0;
+    return true;
   }
 
   /// Levenberg-Marquardt within the bounds until the errors are within the tolerance, or no step brings them nearer.
@@ -293,7 +390,7 @@ class SoftIk::Search {
     // What was learnt goes on to count from one target out of reach to the next, unless that one seems in reach.
     const Eigen::MatrixXd nothing = Eigen::MatrixXd::Zero(controls(), controls());
     Eigen::MatrixXd& S = ik_.curvature_;
-    const bool in_reach = (now.e + now.J * Quadratic(now, nothing, nominal_, pull_).step(0)).norm() <= 1;
+    const bool in_reach = (now.e + now.J * Quadratic(now, nothing, nominal_, pull_).step(0, bounds(now))).norm() <= 1;
     if (!ik_.lost_ || in_reach) S = nothing;
     Damping damping;
     bool blocked = false;  // the last trial failed
@@ -301,7 +398,8 @@ class SoftIk::Search {
       settled_ = within(now);
       if (settled_) return true;
       const Quadratic near(now, S, nominal_, pull_);
-      const Eigen::VectorXd undamped = near.step(0), step = shortened(near.step(damping.level));
+      const Eigen::VectorXd undamped = near.step(0, bounds(now)),
+                            step = shortened(near.step(damping.level, bounds(now)));
       if (step.size() == 0 || undamped.size() == 0) {
         S.setZero();
         damping.raise();
@@ -310,6 +408,7 @@ class SoftIk::Search {
       // A step that is short for its damping alone says nothing.
       const bool ended = near.promise(undamped) <= worthwhile_error * now.e.norm();
       if (ended && now.exact) {
+        if (give_in()) continue;
         settled_ = !blocked;
         return true;
       }
@@ -320,8 +419,10 @@ class SoftIk::Search {
       const double ratio = tried && !blocked ? (cost(now) - cost(trial)) / promised : -1.0;
       if (!(ratio > 1e-3 || (tried && !blocked && within(trial)))) {
         // Where not even the shortest steps do what the slopes say, as at the kink of a cable that goes slack, it ends.
-        settled_ = tried && now.exact && step.norm() < shortest_trial;
+        settled_ = tried && now.exact && step.norm() < shortest_trial && !give_in();
         if (settled_) return true;
+        const std::optional<Kink> kink = tried && !blocked ? kink_between(now, trial) : std::nullopt;
+        if (kink && hold(*kink)) continue;
         if (!now.exact && !renew(now)) return false;
         damping.raise();
         continue;
@@ -458,6 +559,8 @@ class SoftIk::Search {
   int most_ = std::numeric_limits<int>::max();  ///< factorisations
   double pull_ = 0;                             ///< weight of the square of the distance to the nominal controls
   int iterations_ = 0;                          ///< Levenberg-Marquardt steps so far
+  int holds_left_ = 0;                          ///< how often a control may still be held at a kink
+  std::vector<Eigen::Index> let_go_;            ///< controls that were let go
   bool settled_ = true;                         ///< the last search ended by itself
   End best_;
 };
@@ -493,11 +596,13 @@ void SoftIk::forget() {
   equilibrium_.start_at_rest(options_.rest);
   at_rest_ = true;
   lost_ = false;
+  kinks_.clear();
 }
 
 void SoftIk::start_at(const Eigen::VectorXd& u, const Params& p) {
   equilibrium_.start_at(u, p);
   at_rest_ = lost_ = false;
+  kinks_.clear();
 }
 
 Eigen::VectorXd SoftIk::from_range(const Eigen::VectorXd& q) const {

@@ -88,6 +88,10 @@ Eigen::RowVectorXd log_stiffness_slopes(const Equilibrium& equilibrium, const Ei
 /// thousandth of the tolerance. Without a choice of controls, warm and cold searches end within the tolerance of each
 /// other.
 ///
+/// Where a trial shows that the effect of a control jumps on the way (a link comes to touch another one, a cable goes
+/// slack), and the step does not keep its promise, that control is held at the jump, as at a bound, until going on to
+/// one of its sides would bring the controls nearer to the nominal ones, or the targets are not reached with it.
+///
 /// A control that has no effect at the start (a slack cable) is moved towards its upper bound until it has one. Where
 /// the targets are not reached, the search is repeated from other starts (nominal, mirrored, middle), which together
 /// may take three times the factorisations of the first, and the best end counts. That guards against local minima
@@ -117,6 +121,12 @@ class SoftIk {
 
  private:
   class Search;
+  /// Where the effect of a control jumps: there a motor's link comes to touch another one, or a cable goes slack.
+  struct Kink {
+    Eigen::Index control;
+    double at;                     ///< fraction of the control's range
+    Eigen::VectorXd below, above;  ///< the control's column of the errors' Jacobian to either side
+  };
   bool move_to(const Eigen::VectorXd& controls, Polish polish);
   Eigen::VectorXd values() const;
   Eigen::MatrixXd derivatives() const;
@@ -133,6 +143,7 @@ class SoftIk {
   Equilibrium equilibrium_;
   bool at_rest_ = true;
   bool lost_ = false;          ///< the last target was out of reach
+  std::vector<Kink> kinks_;    ///< at which the last search held controls
   Eigen::MatrixXd curvature_;  ///< what the last search learnt of the errors' second derivatives
   int solves_ = 0, factorisations_ = 0;
 };

@@ -142,6 +142,64 @@ TEST(JoinedBodies, SeeEachOtherBeyondTheirOverlapAboutThePin) {
   EXPECT_TRUE(stopped || turned < 149) << "what is in the way stops the motor, or bends: " << turned;
 }
 
+TEST(JoinedBodies, AnAnswerThatLiesAgainstALinkCostsLittleMoreThanOneThatDoesNot) {
+  std::string toml = replaced(replaced(two_links, "clamped = [\"xmin\"]\n", ""), "TURN", "0 deg");
+  toml = replaced(toml, "E = \"10 MPa\"", "E = \"1 GPa\"");
+  toml += R"(
+[[control]]
+id = "lift"
+start = "0 deg"
+[[joint]]
+id = "shoulder"
+between = ["world", "one"]
+at = ["5 mm", "5 mm"]
+motor_at = ["5 mm", "8 mm"]
+radius = "4 mm"
+angle = "lift"
+[[channel]]
+id = "tip_x"
+kind = "position"
+of = "two.xmax"
+direction = [1, 0]
+[ik]
+tolerance = "0.05 mm"
+[ik.control.motor]
+lower = "-150 deg"
+upper = "150 deg"
+[ik.control.lift]
+lower = "-60 deg"
+upper = "60 deg"
+[[ik.path]]
+name = "inwards"
+tip_x = ["60 mm", "55 mm", "50 mm", "45 mm", "40 mm", "36 mm", "34 mm", "32 mm", "30 mm", "28 mm", "26 mm", "24 mm"]
+)";
+  const TemporaryFolder folder;
+  const Simulation simulation = read_simulation(folder.write("experiment.toml", toml));
+  const Robot robot = make_robot(simulation);
+  const std::vector<IkAnswer> answers = solve_target(simulation, robot, simulation.ik->targets.front());
+  ASSERT_EQ(answers.size(), 12u);
+  // The strips meet where SeeEachOtherBeyondTheirOverlapAboutThePin says; from there on the shoulder has to do it.
+  const double meet = std::numbers::pi - 2 * std::asin(5e-3 / robot.joined[0].radius);
+  const auto along = [&](double lift, double elbow) {
+    return 5e-3 + 50e-3 * std::cos(lift) + 55e-3 * std::cos(lift + elbow);
+  };
+  int against = 0, most = 0;
+  for (const IkAnswer& answer : answers) {
+    ASSERT_EQ(answer.result.status, IkStatus::reached) << answer.result.message;
+    double elbow = 0, lift = 0;
+    for (size_t k = 0; k < answer.free.size(); ++k)
+      (simulation.controls[answer.free[k]].id == "motor" ? elbow : lift) =
+          answer.result.controls[static_cast<Eigen::Index>(k)];
+    if (answer.wanted[0] > 33e-3) continue;
+    ++against;
+    if (against > 1) most = std::max(most, answer.result.factorisations);
+    EXPECT_NEAR(std::abs(elbow), meet, 0.05) << "held where the links meet, at " << answer.wanted[0];
+    EXPECT_NEAR(along(lift, std::copysign(meet, elbow)), answer.wanted[0], 2.5e-3);
+  }
+  EXPECT_EQ(against, 5);
+  EXPECT_LE(most, 10);
+}
+
 TEST(JoinedBodies, APinWithoutContactHasNoPatch) {
   const Scenario free(replaced(replaced(two_links, "TURN", "150 deg"), "[contact]\ngap = \"0.1 mm\"\n", ""));
   EXPECT_EQ(free.result.failure, "");
