@@ -99,7 +99,7 @@ function stroke(colour, width) { pen.strokeStyle = colour; pen.lineWidth = width
 function chunks(list) { const out = []; for (let i = 0; i < list.length; i += n) out.push(list.slice(i, i + n)); return out; }
 
 function ground() {
-  const ends = chunks(D.ground);
+  const ends = chunks(D.ground[Math.min(at, D.ground.length - 1)]);
   pen.beginPath();
   for (let i = 0; i + 1 < ends.length; i += 2) path([ends[i], ends[i + 1]]);
   stroke('#8a8278', flat ? 1 : 0.6);
@@ -341,7 +341,8 @@ std::pair<std::string, std::vector<size_t>> frames_within(size_t budget, const s
 }
 
 /// What is drawn in every frame, and in which colours.
-Json scene_json(const SimulationRecord& record, const plot::Surface& surface, const plot::Bounds& bounds, double step) {
+Json scene_json(const SimulationRecord& record, const plot::Surface& surface, const plot::Bounds& bounds, double step,
+                const std::vector<size_t>& chosen) {
   Json json{{"dimension", record.mesh.dimension()},
             {"window", {{"lower", in_millimetres(bounds.lower)}, {"upper", in_millimetres(bounds.upper)}}},
             {"step", step / kMillimetre},
@@ -365,9 +366,13 @@ Json scene_json(const SimulationRecord& record, const plot::Surface& surface, co
         {{"name", name}, {"colour", plot::line_colour(i, count)}, {"count", record.lines[i].points.size()}});
   }
   json["obstacles"] = array_of(record.obstacles, short_coordinates);
-  std::vector<Eigen::VectorXd> strokes;
-  for (const auto& [from, to] : plot::ground_strokes(record, bounds)) strokes.insert(strokes.end(), {from, to});
-  json["ground"] = short_coordinates(strokes);
+  json["ground"] = Json::array();
+  for (size_t frame : plot::grounds_move(record) ? chosen : std::vector<size_t>{0}) {
+    std::vector<Eigen::VectorXd> strokes;
+    for (const auto& [from, to] : plot::ground_strokes(record, bounds, frame))
+      strokes.insert(strokes.end(), {from, to});
+    json["ground"].push_back(short_coordinates(strokes));
+  }
   return json;
 }
 
@@ -404,7 +409,7 @@ std::string animation_json(const SimulationRecord& record, size_t budget) {
   for (size_t f = 0; f < record.states.size(); ++f) steps.push_back(steps_of(record, surface, bounds, step, f));
   const auto [frames, chosen] = frames_within(budget, steps);
 
-  Json json = scene_json(record, surface, bounds, step);
+  Json json = scene_json(record, surface, bounds, step, chosen);
   add_values(json, record, chosen);
   json["shown"] = chosen.size();
   json["stored"] = record.states.size();

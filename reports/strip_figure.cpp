@@ -46,13 +46,18 @@ class Picture {
         view_(isometric_view()),
         flat_(record.mesh.dimension() == 2) {
     const Bounds bounds = bounds_of(record);
-    strokes_ = ground_strokes(record, bounds);
+    bounds_ = bounds;
     if (flat_) {
       window_ = bounds;
     } else {
       for (const Eigen::VectorXd& u : record.states) include(record.mesh.X + u);
       for (const DrawnLine& line : record.lines) {
         for (const Eigen::VectorXd& u : record.states) include(positions(line, record.mesh, u).reshaped());
+      }
+      for (size_t frame = 0; frame < (grounds_move(record) ? record.states.size() : 1); ++frame) {
+        for (const auto& [from, to] : ground_strokes(record, bounds, frame, true)) {
+          if (bounds.holds(from)) include(from);
+        }
       }
     }
     const double room = 0.05 * window_.diagonal();
@@ -68,14 +73,14 @@ class Picture {
     Plots list;
     const Eigen::VectorXd& u = record_.states[frame];
     const Eigen::MatrixXd x = positions(surface_, record_.mesh, u);
-    if (!flat_) add_strokes(page, list);
+    if (!flat_) add_strokes(page, frame, list);
     flat_ ? add_areas(page, x, frame, sample, csv, list) : add_facets(page, x, sample, csv, list);
     for (size_t i = 0; i < record_.lines.size(); ++i) {
       const Eigen::MatrixXd points = seen(positions(record_.lines[i], record_.mesh, u));
       page.add(list, rows_of(points), "lines lw 1.6", line_colour(i, record_.lines.size()));
       add_lines("line", record_.lines[i].id, points, sample, csv);
     }
-    if (flat_) add_strokes(page, list);
+    if (flat_) add_strokes(page, frame, list);
     for (const std::vector<Eigen::VectorXd>& obstacle : record_.obstacles) {
       Eigen::MatrixXd points(record_.mesh.dimension(), static_cast<Eigen::Index>(obstacle.size()));
       for (size_t i = 0; i < obstacle.size(); ++i) points.col(static_cast<Eigen::Index>(i)) = obstacle[i];
@@ -142,9 +147,9 @@ class Picture {
     }
   }
 
-  void add_strokes(Page& page, Plots& list) const {
+  void add_strokes(Page& page, size_t frame, Plots& list) const {
     Rows rows;
-    for (const auto& [from, to] : strokes_) {
+    for (const auto& [from, to] : ground_strokes(record_, bounds_, frame)) {
       Eigen::MatrixXd ends(from.size(), 2);
       ends << from, to;
       append(rows, rows_of(seen(ends)));
@@ -214,7 +219,7 @@ class Picture {
   View view_;
   bool flat_;
   Bounds window_;
-  std::vector<std::pair<Eigen::VectorXd, Eigen::VectorXd>> strokes_;
+  Bounds bounds_;
 };
 
 /// A legend along lines below the title.
