@@ -53,11 +53,11 @@ struct OverGround {
     Ground<D> ground;
     ground.kind = kind;
     ground.node = mesh.node_count() - 1;
-    ground.normal = Eigen::Matrix<double, D, 1>::Constant(0.1);
+    ground.normal = Eigen::Matrix<double, D, 1>::Constant(0.05);
     ground.normal[kind == GroundKind::cylinder ? 0 : D - 1] = 1;
     ground.radius = kind == GroundKind::plane ? 0 : 2;
     ground.point = Eigen::Matrix<double, D, 1>::Constant(0.4);
-    ground.point[D - 1] = kind == GroundKind::plane ? -0.2 : -2.2;
+    ground.point[D - 1] = kind == GroundKind::plane ? -0.12 : -2.12;
     settings.grounds = {ground};
     std::mt19937 random(seed);
     u = 0.03 * random_vector(mesh.X.size(), random);
@@ -70,7 +70,7 @@ struct OverGround {
   }
 };
 
-const Params ground_values = Eigen::Vector3d(3.0, 0.45, 0.3);
+const Params ground_values = Eigen::Vector3d(3.0, 0.25, 0.3);
 
 template <class Action>
 void each_ground(Action&& action) {
@@ -84,7 +84,7 @@ TEST(Ground, EnergyOfRoundOnesThatMoveHasItsDerivativesAndExertsNoNetForce) {
     const TermUnderTest t =
         term_under_test(over.mesh, ground_table(), over.contact(), ground_values, over.u,
                         fmt::format("{}D, kind {}", d, static_cast<int>(over.settings.grounds[0].kind)));
-    expect_derivatives(t, 5e-5);
+    expect_derivatives(t, 2e-4);
     expect_parameter_derivatives(t, 1e-3);
     expect_symmetric_hessian(t);
     expect_projection_is_semidefinite(t);
@@ -109,7 +109,7 @@ TEST(Ground, FrictionOnRoundOnesThatMoveHasItsDerivatives) {
     for (double far : {1e-3, 0.05}) {  // sticking, sliding
       t.u = caught_at + far * way;
       ASSERT_GT(energy_of(t.model, t.u, t.p, t.step.get()), 0);
-      expect_derivatives(t, far == 1e-3 ? 1e-5 : 5e-5);
+      expect_derivatives(t, far == 1e-3 ? 2e-5 : 2e-4);
       // By the memory, and of what is remembered next, against differences.
       const Eigen::VectorXd du = random_vector(t.u.size(), random);
       Eigen::VectorXd dmemory = random_vector(t.step->memory.size(), random);
@@ -156,12 +156,12 @@ TEST(Ground, NothingPassesThroughOneThatIsRoundOrMovesWithinTheStepLimit) {
   });
 }
 
-struct Run {
+struct Ran {
   Simulation simulation;
   Robot robot;
   SimulationResult result;
 
-  explicit Run(const std::string& toml, const SimulationSensitivities& wanted = {}) {
+  explicit Ran(const std::string& toml, const SimulationSensitivities& wanted = {}) {
     const TemporaryFolder folder;
     simulation = read_simulation(folder.write("experiment.toml", toml));
     robot = make_robot(simulation);
@@ -235,19 +235,30 @@ id = "floor"
 kind = "reaction"
 of = "block.zmin"
 direction = [0, 0, 1]
+[[channel]]
+id = "top"
+kind = "displacement"
+of = "block.zmax"
+direction = [0, 0, 1]
 )";
 }
 
 TEST(Ground, APressThatComesDownPressesWithTheStressOfTheStrain) {
-  const Run run(pressed("normal"));
+  const Ran run(pressed("normal"));
   const double force = run.channel("force").back();
   EXPECT_NEAR(run.channel("floor").back(), force, 1e-9);
-  // Less than 1.102 mm - 0.103 mm by what is left of the gap: uniaxial stress of 9.1 to 10 %, second order left out.
-  const double most = 1e6 * 400e-6 * 0.1;
-  EXPECT_GT(force, 0.88 * most);
-  EXPECT_LT(force, 1.15 * most);
+  // Uniaxial stress of the neo-Hookean law: mu (b^2 - 1) + lambda ln(a b^2) = 0 across, P along, stretches a and b.
+  const double mu = 1e6 / 2.6, lambda = 1e6 * 0.3 / (1.3 * 0.4), a = 1 + run.channel("top").back() / 10e-3;
+  ASSERT_LT(a, 0.91);
+  double low = 1, high = 1.1;
+  for (int k = 0; k < 60; ++k) {
+    const double b = (low + high) / 2;
+    (mu * (b * b - 1) + lambda * std::log(a * b * b) < 0 ? low : high) = b;
+  }
+  const double stress = mu * (a - 1 / a) + lambda * std::log(a * low * low) / a;
+  EXPECT_NEAR(force, -stress * 400e-6, 1e-6 * force);
   EXPECT_EQ(run.channel("force").front(), 0);
-  const Run along_axis(pressed("z"));
+  const Ran along_axis(pressed("z"));
   EXPECT_NEAR(along_axis.channel("force").back(), force, 1e-9) << "down along its normal is down along z";
 }
 
@@ -263,7 +274,7 @@ TEST(Ground, DerivativesByTheControlThatMovesItAreThoseOfWhatWasComputed) {
   const auto force = [&](double offset, double stiffer) {
     Simulation other = simulation;
     other.schedules[0] = ControlSchedule(0);
-    other.schedules[0].add({1.0, ControlSchedule::Kind::linear, 1.102e-3 + offset});
+    other.schedules[0].add({ControlSchedule::Kind::linear, 1.0, 1.102e-3 + offset});
     Robot changed = make_robot(other);
     changed.scene.values[options.sensitivities.parameters[1]] *= 1 + stiffer;
     return simulate(other, changed).readings[0].back();
@@ -323,23 +334,24 @@ id = "weight"
 kind = "contact_force"
 of = "block"
 by = "belt"
-direction = [0, UP]
+direction = [0, UPWARDS]
 )";
-  for (const auto& [from, to] :
-       std::vector<std::pair<std::string, std::string>>{{"TIME", time},
-                                                        {"STEP", step},
-                                                        {"DIM", dimension},
-                                                        {"THICK", flat ? "thickness = \"20 mm\"\n" : ""},
-                                                        {"BOX", flat ? "rectangle" : "box"},
-                                                        {"SIZE", flat ? "\"20 mm\", " : "\"20 mm\", \"20 mm\", "},
-                                                        {"CELLS", flat ? "" : "2, "},
-                                                        {"ZEROS", flat ? "\"0 mm\", " : "\"0 mm\", \"0 mm\", "},
-                                                        {"DOWN", flat ? "-1" : "0, -1"},
-                                                        {"UP", flat ? "1" : "0, 1"},
-                                                        {"GROUND", ground}})
-    toml = replaced(toml, from, to);
-  for (int k = 0; k < 2; ++k) toml = replaced(toml, "SIDE", flat ? "0" : "0, 0");
-  while (toml.find("UP]") != std::string::npos) toml = replaced(toml, "UP]", flat ? "1]" : "0, 1]");
+  const std::vector<std::pair<std::string, std::string>> words{
+      {"TIME", time},
+      {"STEP", step},
+      {"DIM", dimension},
+      {"THICK", flat ? "thickness = \"20 mm\"\n" : ""},
+      {"BOX", flat ? "rectangle" : "box"},
+      {"SIZE", flat ? "\"20 mm\", " : "\"20 mm\", \"20 mm\", "},
+      {"CELLS", flat ? "" : "2, "},
+      {"ZEROS", flat ? "\"0 mm\", " : "\"0 mm\", \"0 mm\", "},
+      {"DOWN", flat ? "-1" : "0, -1"},
+      {"UPWARDS", flat ? "1" : "0, 1"},
+      {"SIDE", flat ? "0" : "0, 0"},
+      {"GROUND", ground}};
+  for (const auto& [word, by] : words) {
+    for (size_t at = toml.find(word); at != std::string::npos; at = toml.find(word)) toml.replace(at, word.size(), by);
+  }
   return toml;
 }
 
@@ -354,7 +366,7 @@ TEST(Ground, ABlockOnABeltIsDraggedByMuNUntilItGoesWithIt) {
        "kind = \"cylinder\"\naxis = [1, 0, 0]\nradius = \"1000 m\"\npoint = [\"0 mm\", \"10 mm\", \"-1000 m\"]\n"}};
   for (const auto& [dimension, ground] : grounds) {
     SCOPED_TRACE(dimension + ground);
-    const Run run(on_belt(dimension, ground, "200 ms", "2 ms"));
+    const Ran run(on_belt(dimension, ground, "200 ms", "2 ms"));
     const std::vector<double>&way = run.channel("way"), &drag = run.channel("drag"), &up = run.channel("weight");
     const size_t slips = 25, n = way.size() - 1;  // at 50 ms it has 0.147 m/s of the belt's 0.2 m/s
     EXPECT_NEAR(drag[slips], mu * up[slips], 0.02 * mu * weight);
@@ -394,7 +406,7 @@ by = "floor"
 direction = [0, 0, 2]
 )";
   const double weight = 1000 * 9.81 * 4e-6;
-  EXPECT_NEAR(Run(toml).channel("up").back(), weight, 1e-9 * weight);
+  EXPECT_NEAR(Ran(toml).channel("up").back(), weight, 1e-9 * weight);
 }
 
 TEST(Ground, WrongOnesGetASentence) {
@@ -404,7 +416,7 @@ TEST(Ground, WrongOnesGetASentence) {
     expect_input_error([&] { make_robot(read_simulation(path)); }, words);
   };
   const std::string plane = "normal = [0, 0, -1]\n";
-  refused("move = \"normal\"\n", "", {"[ground]", "'move'", "'control'"});
+  refused("move = \"normal\"\n", "", {"[contact.ground]", "'move'", "'control'"});
   refused("move = \"normal\"", "move = \"w\"", {"move", "'w'", "x, y, z"});
   refused("control = \"down\"", "control = \"up\"", {"control", "'up'", "down"});
   refused(plane, "kind = \"disc\"\n", {"kind", "disc", "sphere", "cylinder"});

@@ -91,7 +91,7 @@ struct Bent {
 };
 
 TEST(TangentStiffness, OfACantileverAtRestIsThatOfItsBeam) {
-  const Bent rest("N", "1 uN");
+  const Bent rest("N", "0.001 mN");
   const double area = height * thickness, second = thickness * std::pow(height, 3) / 12;
   // Bending and shear: L^3/(3 E I) + 6/5 L/(G A).
   const double compliance = std::pow(length, 3) / (3 * modulus * second) + 1.2 * length / (modulus / 2.6 * area);
