@@ -210,17 +210,18 @@ void add_round(const DrawnGround& ground, const Eigen::VectorXd& point, const Ei
 
 std::vector<std::pair<Eigen::VectorXd, Eigen::VectorXd>> ground_strokes(const SimulationRecord& record,
                                                                         const Bounds& bounds, size_t frame,
-                                                                        bool round_only) {
+                                                                        GroundsDrawn which) {
   Strokes strokes;
   const double size = bounds.diagonal();
   const Eigen::VectorXd middle = (bounds.lower + bounds.upper) / 2;
   for (const DrawnGround& ground : record.grounds) {
     const Eigen::VectorXd n = ground.normal.normalized(), point = ground.at(frame);
-    if (ground.kind != GroundKind::plane) {
+    const bool round = ground.kind != GroundKind::plane;
+    if (which != GroundsDrawn::all && round != (which == GroundsDrawn::round)) continue;
+    if (round) {
       add_round(ground, point, middle, size, strokes);
       continue;
     }
-    if (round_only) continue;
     const Eigen::VectorXd foot = middle - (middle - point).dot(n) * n;
     if (record.mesh.dimension() == 2) {
       const Eigen::Vector2d along(n[1], -n[0]);

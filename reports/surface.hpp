@@ -47,11 +47,13 @@ struct Bounds {
 /// their diagonal of obstacles and grounds.
 Bounds bounds_of(const SimulationRecord& record);
 
+/// Which grounds.
+enum class GroundsDrawn { all, planes, round };
 /// Grounds as they are drawn in a frame [m]: pairs of points, of the surface and of hatching behind it in 2D; in 3D of
-/// a square grid, of circles on what is round and lines along a cylinder. Those of round ones alone with `round_only`.
+/// a square grid, of circles on what is round and lines along a cylinder.
 std::vector<std::pair<Eigen::VectorXd, Eigen::VectorXd>> ground_strokes(const SimulationRecord& record,
                                                                         const Bounds& bounds, size_t frame,
-                                                                        bool round_only = false);
+                                                                        GroundsDrawn which = GroundsDrawn::all);
 /// Whether any of them moves.
 bool grounds_move(const SimulationRecord& record);
 

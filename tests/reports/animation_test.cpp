@@ -219,9 +219,9 @@ TEST(Surface, ARoundGroundThatMovesIsDrawnWhereItIsInEachFrame) {
     }
     EXPECT_NEAR(farthest, 0.003, 1e-15);
     const Json drawn = Json::parse(animation_json(record));
-    EXPECT_EQ(drawn["ground"].size(), 3u);
+    EXPECT_EQ(drawn["round"].size(), 3u);
     record.grounds[0].moved.clear();
-    EXPECT_EQ(Json::parse(animation_json(record))["ground"].size(), 1u);
+    EXPECT_EQ(Json::parse(animation_json(record))["round"].size(), 1u);
   }
 }
 

@@ -17,10 +17,10 @@ namespace {
 
 using namespace test;
 
-constexpr double length = 0.1, height = 0.005, thickness = 0.01, modulus = 1e6;
+constexpr double beam_length = 0.1, beam_height = 0.005, beam_thickness = 0.01, beam_modulus = 1e6;
 
 /// A slender beam under a force at its end, or other loads.
-std::string cantilever(const std::string& load) {
+std::string beam_under(const std::string& load) {
   return R"(title = "Cantilever"
 [simulation]
 integrator = "static"
@@ -75,7 +75,7 @@ struct Bent {
   Bent(const std::string& load, const std::string& largest, bool slopes = false, const std::string& on = "beam.xmax") {
     const TemporaryFolder folder;
     simulation =
-        read_simulation(folder.write("experiment.toml", replaced(replaced(cantilever(load), "LARGEST", largest),
+        read_simulation(folder.write("experiment.toml", replaced(replaced(beam_under(load), "LARGEST", largest),
                                                                  "on = \"beam.xmax\"", "on = \"" + on + "\"")));
     robot = make_robot(simulation);
     SimulateOptions options;
@@ -92,11 +92,12 @@ struct Bent {
 
 TEST(TangentStiffness, OfACantileverAtRestIsThatOfItsBeam) {
   const Bent rest("N", "0.001 mN");
-  const double area = height * thickness, second = thickness * std::pow(height, 3) / 12;
+  const double area = beam_height * beam_thickness, second = beam_thickness * std::pow(beam_height, 3) / 12;
   // Bending and shear: L^3/(3 E I) + 6/5 L/(G A).
-  const double compliance = std::pow(length, 3) / (3 * modulus * second) + 1.2 * length / (modulus / 2.6 * area);
+  const double compliance =
+      std::pow(beam_length, 3) / (3 * beam_modulus * second) + 1.2 * beam_length / (beam_modulus / 2.6 * area);
   EXPECT_NEAR(rest.end(0), 1 / compliance, 2e-3 / compliance);
-  EXPECT_NEAR(rest.end(0), 3 * modulus * second / std::pow(length, 3), 0.01 / compliance);
+  EXPECT_NEAR(rest.end(0), 3 * beam_modulus * second / std::pow(beam_length, 3), 0.01 / compliance);
 }
 
 TEST(TangentStiffness, OfABentOneIsTheDifferenceOfForcesOverThatOfWays) {
@@ -134,7 +135,7 @@ TEST(TangentStiffness, IsOfEquilibriaAndOfPlacesThatCanMove) {
     const std::string path = folder.write("experiment.toml", toml);
     expect_input_error([&] { make_robot(read_simulation(path)); }, words);
   };
-  const std::string good = replaced(cantilever("N"), "LARGEST", "1 mN");
+  const std::string good = replaced(beam_under("N"), "LARGEST", "1 mN");
   refused(replaced(good, "kind = \"stiffness\"\nof = \"beam.xmax\"", "kind = \"stiffness\"\nof = \"beam.xmin\""),
           {"stiffness", "held", "name a place"});
   refused(replaced(replaced(good, "integrator = \"static\"\n", ""), "nu = 0.3\n", "nu = 0.3\ndensity = \"1 g/cm3\"\n"),
@@ -144,10 +145,10 @@ TEST(TangentStiffness, IsOfEquilibriaAndOfPlacesThatCanMove) {
 TEST(Traction, OnAFaceOfASimulationIsItsPressureTimesTheRestAreaAndDead) {
   // On 5 mm x 10 mm; a dead one keeps its direction and size while the face turns.
   const Bent pressed("Pa", "400 Pa"), forced("N", "20 mN");
-  EXPECT_NEAR(pressed.end(2), 400 * height * thickness, 1e-9);
+  EXPECT_NEAR(pressed.end(2), 400 * beam_height * beam_thickness, 1e-9);
   EXPECT_NEAR(pressed.end(1), forced.end(1), 1e-9);
   const Bent line("N/m", "2 N/m", false, "beam.xmax & beam.ymax");
-  EXPECT_NEAR(line.end(2), 2 * thickness, 1e-9) << "in the plane it runs through the thickness";
+  EXPECT_NEAR(line.end(2), 2 * beam_thickness, 1e-9) << "in the plane it runs through the thickness";
 }
 
 }  // namespace
