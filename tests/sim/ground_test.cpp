@@ -377,6 +377,35 @@ TEST(Ground, ABlockOnABeltIsDraggedByMuNUntilItGoesWithIt) {
   }
 }
 
+TEST(Ground, DerivativesOfWhatABeltDragsAreThoseOfWhatWasComputed) {
+  const std::string round = "kind = \"sphere\"\nradius = \"2 m\"\npoint = [\"10 mm\", \"10 mm\", \"-2000 mm\"]\n";
+  const TemporaryFolder folder;
+  const Simulation simulation = read_simulation(folder.write("experiment.toml", on_belt("3", round, "6 ms", "2 ms")));
+  const Robot robot = make_robot(simulation);
+  SimulateOptions options;
+  options.sensitivities.all_readings = true;
+  options.sensitivities.parameters = {robot.scene.model->parameters().index("contact_friction"), robot.controls[0]};
+  const SimulationResult result = simulate(simulation, robot, options);
+  ASSERT_EQ(result.failure, "");
+  const auto readings = [&](double friction, double offset) {
+    Simulation other = simulation;
+    other.schedules[0] = ControlSchedule(offset);
+    other.schedules[0].add({ControlSchedule::Kind::linear, 1.0, 0.2 + offset});
+    Robot changed = make_robot(other);
+    changed.scene.values[options.sensitivities.parameters[0]] += friction;
+    const SimulationResult run = simulate(other, changed);
+    return Eigen::Vector3d(run.readings[0].back(), run.readings[1].back(), run.readings[2].back());
+  };
+  // Steps so large that what Newton's method leaves of the contact's forces does not count.
+  const Eigen::Vector3d by_friction = (readings(1e-4, 0) - readings(-1e-4, 0)) / 2e-4,
+                        by_offset = (readings(0, 1e-4) - readings(0, -1e-4)) / 2e-4;
+  for (Eigen::Index channel = 0; channel < 3; ++channel) {
+    EXPECT_NEAR(result.derivatives.back()(channel, 0), by_friction[channel], 1e-3 * std::abs(by_friction[channel]));
+    EXPECT_NEAR(result.derivatives.back()(channel, 1), by_offset[channel], 1e-2 * std::abs(by_offset[channel]));
+  }
+  EXPECT_NEAR(by_friction[1], 1000 * 9.81 * 4e-6, 0.2 * 1000 * 9.81 * 4e-6) << "mu N by mu";
+}
+
 TEST(Ground, ContactForceOfWhatRestsIsItsWeightToElevenDigits) {
   const std::string toml = R"(title = "Rest"
 [simulation]
@@ -407,6 +436,27 @@ direction = [0, 0, 2]
 )";
   const double weight = 1000 * 9.81 * 4e-6;
   EXPECT_NEAR(Ran(toml).channel("up").back(), weight, 1e-9 * weight);
+  // On another body: what the one exerts is what the other feels.
+  const Ran on_slab(replaced(
+      replaced(toml,
+               "[[contact.ground]]\nname = \"floor\"\npoint = [\"0 mm\", \"0 mm\", \"0 mm\"]\nnormal = [0, 0, 1]\n",
+               ""),
+      "[contact]\n", R"([[body]]
+name = "floor"
+geometry = { kind = "box", size = ["30 mm", "30 mm", "5 mm"], region = "rubber" }
+mesh = { cells = [5, 5, 2], element = "linear" }
+at = ["-5 mm", "-5 mm", "-5 mm"]
+clamped = ["zmin"]
+[[channel]]
+id = "down"
+kind = "contact_force"
+of = "floor"
+by = "block"
+direction = [0, 0, 1]
+[contact]
+)"));
+  EXPECT_NEAR(on_slab.channel("up").back(), weight, 1e-9 * weight);
+  EXPECT_NEAR(on_slab.channel("down").back(), -on_slab.channel("up").back(), 1e-12 * weight);
 }
 
 TEST(Ground, WrongOnesGetASentence) {
