@@ -391,6 +391,7 @@ double PlaneSurface::overlap_about(const PinPatch<2>& pin, double reach) const {
   return farthest;
 }
 
+template struct Ground<2>;
 template class SurfaceContact<PlaneSurface, ContactSettings, ContactPair>;
 
 }  // namespace taut

@@ -535,6 +535,7 @@ double SpaceSurface::overlap_about(const PinPatch<3>& pin, double reach) const {
   return farthest;
 }
 
+template struct Ground<3>;
 template class SurfaceContact<SpaceSurface, Contact3dSettings, ContactPair3>;
 
 }  // namespace taut

@@ -1,5 +1,7 @@
 #include "sim/scene/contact_force.hpp"
 
+#include <utility>
+
 namespace taut {
 namespace {
 

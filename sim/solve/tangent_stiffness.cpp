@@ -1,7 +1,8 @@
 #include "sim/solve/tangent_stiffness.hpp"
 
-#include <cmath>
+#include <algorithm>
 #include <limits>
+#include <utility>
 
 namespace taut {
 namespace {
