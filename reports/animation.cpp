@@ -98,11 +98,17 @@ function path(points, closed) {
 function stroke(colour, width) { pen.strokeStyle = colour; pen.lineWidth = width; pen.lineJoin = 'round'; pen.stroke(); }
 function chunks(list) { const out = []; for (let i = 0; i < list.length; i += n) out.push(list.slice(i, i + n)); return out; }
 
-function ground() {
-  const ends = chunks(D.ground);
+function strokes_of(kind) { return chunks(D[kind][Math.min(at, D[kind].length - 1)]); }
+function ground(kind) {
+  const ends = strokes_of(kind);
   pen.beginPath();
   for (let i = 0; i + 1 < ends.length; i += 2) path([ends[i], ends[i + 1]]);
   stroke('#8a8278', flat ? 1 : 0.6);
+}
+function is_in_front(x) {
+  // What is round, by its middle and that of the bodies.
+  const mean = list => list.reduce((sum, p) => sum + dot(p, toward), 0) / list.length, round = strokes_of('round');
+  return round.length > 0 && mean(round) > mean(D.nodes.map((_, i) => point(x, i)));
 }
 function areas(x) {
   D.regions.forEach((region, r) => {
@@ -158,7 +164,9 @@ let at = 0;
 function draw() {
   const x = X[at], height = canvas.clientHeight, width = canvas.clientWidth;
   pen.clearRect(0, 0, width, height);
-  if (!flat) ground();
+  const front = flat || is_in_front(x);
+  if (!flat) ground('ground');
+  if (!front) ground('round');
   if (flat && at > 0) outlines(X[0], '#b8b8b8', 1);
   if (flat) { areas(x); outlines(x, '#222', 1); } else facets(x);
   let i = D.nodes.length;
@@ -166,7 +174,8 @@ function draw() {
     pen.beginPath(); path(Array.from({length: line.count}, (_, k) => point(x, i + k))); stroke(line.colour, 1.8);
     i += line.count;
   }
-  if (flat) ground();
+  if (flat) ground('ground');
+  if (front) ground('round');
   for (const obstacle of D.obstacles) { pen.beginPath(); path(chunks(obstacle)); stroke('#5a3d2b', 3); }
   scale_bar(height);
   pen.font = 'bold 13px sans-serif'; pen.textAlign = 'right'; pen.fillStyle = '#d55e00';
@@ -341,7 +350,8 @@ std::pair<std::string, std::vector<size_t>> frames_within(size_t budget, const s
 }
 
 /// What is drawn in every frame, and in which colours.
-Json scene_json(const SimulationRecord& record, const plot::Surface& surface, const plot::Bounds& bounds, double step) {
+Json scene_json(const SimulationRecord& record, const plot::Surface& surface, const plot::Bounds& bounds, double step,
+                const std::vector<size_t>& chosen) {
   Json json{{"dimension", record.mesh.dimension()},
             {"window", {{"lower", in_millimetres(bounds.lower)}, {"upper", in_millimetres(bounds.upper)}}},
             {"step", step / kMillimetre},
@@ -365,9 +375,17 @@ Json scene_json(const SimulationRecord& record, const plot::Surface& surface, co
         {{"name", name}, {"colour", plot::line_colour(i, count)}, {"count", record.lines[i].points.size()}});
   }
   json["obstacles"] = array_of(record.obstacles, short_coordinates);
-  std::vector<Eigen::VectorXd> strokes;
-  for (const auto& [from, to] : plot::ground_strokes(record, bounds)) strokes.insert(strokes.end(), {from, to});
-  json["ground"] = short_coordinates(strokes);
+  using plot::GroundsDrawn;
+  for (const auto& [name, which] :
+       {std::pair("ground", GroundsDrawn::planes), std::pair("round", GroundsDrawn::round)}) {
+    json[name] = Json::array();
+    for (size_t frame : plot::grounds_move(record) ? chosen : std::vector<size_t>{0}) {
+      std::vector<Eigen::VectorXd> strokes;
+      for (const auto& [from, to] : plot::ground_strokes(record, bounds, frame, which))
+        strokes.insert(strokes.end(), {from, to});
+      json[name].push_back(short_coordinates(strokes));
+    }
+  }
   return json;
 }
 
@@ -404,7 +422,7 @@ std::string animation_json(const SimulationRecord& record, size_t budget) {
   for (size_t f = 0; f < record.states.size(); ++f) steps.push_back(steps_of(record, surface, bounds, step, f));
   const auto [frames, chosen] = frames_within(budget, steps);
 
-  Json json = scene_json(record, surface, bounds, step);
+  Json json = scene_json(record, surface, bounds, step, chosen);
   add_values(json, record, chosen);
   json["shown"] = chosen.size();
   json["stored"] = record.states.size();

@@ -12,8 +12,9 @@ namespace taut {
 ///
 ///   dimension, window {lower, upper}, step, regions [{name, colour}], nodes (mesh numbers, in the frames' order),
 ///   loops [{region, points}] or triangles [a, b, c, ...] with triangle_regions, lines [{name, colour, count}],
-///   obstacles [[x, y, ...]], ground [x0, y0, x1, y1, ...] (strokes), sample {name, unit, decimals, seconds, values},
-///   series [{id, meaning, unit, control, values}], shown, stored (numbers of frames), frames [[...], ...]
+///   obstacles [[x, y, ...]], ground [[x0, y0, x1, y1, ...]] (strokes; one list, or one per frame where grounds move),
+///   round (the same of what is not plane), sample {name, unit, decimals, seconds, values}, series [{id, meaning, unit,
+///   control, values}], shown, stored (numbers of frames), frames [[...], ...]
 ///
 /// Text in it is safe inside a script element.
 std::string animation_json(const SimulationRecord& record, size_t budget = 4'500'000);

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "reports/axes.hpp"
+#include "sim/contact/contact_term.hpp"
 #include "sim/mesh/mesh.hpp"
 #include "sim/terms/cable.hpp"
 
@@ -24,6 +25,16 @@ struct DrawnLine {
   std::vector<CablePoint> points;
 };
 
+/// A rigid surface without a mesh, see Ground.
+struct DrawnGround {
+  Eigen::VectorXd point, normal;  ///< [m]; into the free side, or the axis of a cylinder
+  GroundKind kind = GroundKind::plane;
+  double radius = 0;                        ///< of what is round [m]
+  std::vector<Eigen::VectorXd> moved = {};  ///< per frame [m]; empty: it stays
+  /// Where its point is in a frame [m].
+  Eigen::VectorXd at(size_t frame) const { return moved.empty() ? point : Eigen::VectorXd(point + moved[frame]); }
+};
+
 /// Everything that a simulation found, as plain data: states of a mesh over time, or over a control where the run is a
 /// sequence of equilibria. All files of its folder are functions of it.
 struct SimulationRecord {
@@ -31,10 +42,10 @@ struct SimulationRecord {
   std::string description;  ///< a sentence or two, from the experiment file
   Mesh mesh;
   std::vector<DrawnLine> lines;
-  std::vector<std::vector<Eigen::VectorXd>> obstacles;               ///< fixed polylines [m]
-  std::vector<std::pair<Eigen::VectorXd, Eigen::VectorXd>> grounds;  ///< point [m] and normal into the free side
-  std::string sample_name = "time", sample_unit = "s";               ///< what the samples run over
-  std::vector<double> samples;                                       ///< SI; every series has a value at each
+  std::vector<std::vector<Eigen::VectorXd>> obstacles;  ///< fixed polylines [m]
+  std::vector<DrawnGround> grounds;
+  std::string sample_name = "time", sample_unit = "s";  ///< what the samples run over
+  std::vector<double> samples;                          ///< SI; every series has a value at each
   std::vector<Series> controls, channels;
   std::vector<int> frames;              ///< samples with a stored state, ascending
   std::vector<Eigen::VectorXd> states;  ///< u of each frame [m], all unknowns

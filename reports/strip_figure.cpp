@@ -46,13 +46,18 @@ class Picture {
         view_(isometric_view()),
         flat_(record.mesh.dimension() == 2) {
     const Bounds bounds = bounds_of(record);
-    strokes_ = ground_strokes(record, bounds);
+    bounds_ = bounds;
     if (flat_) {
       window_ = bounds;
     } else {
       for (const Eigen::VectorXd& u : record.states) include(record.mesh.X + u);
       for (const DrawnLine& line : record.lines) {
         for (const Eigen::VectorXd& u : record.states) include(positions(line, record.mesh, u).reshaped());
+      }
+      for (size_t frame = 0; frame < (grounds_move(record) ? record.states.size() : 1); ++frame) {
+        for (const auto& [from, to] : ground_strokes(record, bounds, frame, GroundsDrawn::round)) {
+          if (bounds.holds(from)) include(from);
+        }
       }
     }
     const double room = 0.05 * window_.diagonal();
@@ -68,14 +73,16 @@ class Picture {
     Plots list;
     const Eigen::VectorXd& u = record_.states[frame];
     const Eigen::MatrixXd x = positions(surface_, record_.mesh, u);
-    if (!flat_) add_strokes(page, list);
+    const bool round_in_front = !flat_ && is_in_front(frame, x);
+    if (!flat_) add_strokes(page, frame, round_in_front ? GroundsDrawn::planes : GroundsDrawn::all, list);
     flat_ ? add_areas(page, x, frame, sample, csv, list) : add_facets(page, x, sample, csv, list);
     for (size_t i = 0; i < record_.lines.size(); ++i) {
       const Eigen::MatrixXd points = seen(positions(record_.lines[i], record_.mesh, u));
       page.add(list, rows_of(points), "lines lw 1.6", line_colour(i, record_.lines.size()));
       add_lines("line", record_.lines[i].id, points, sample, csv);
     }
-    if (flat_) add_strokes(page, list);
+    if (flat_) add_strokes(page, frame, GroundsDrawn::all, list);
+    if (round_in_front) add_strokes(page, frame, GroundsDrawn::round, list);
     for (const std::vector<Eigen::VectorXd>& obstacle : record_.obstacles) {
       Eigen::MatrixXd points(record_.mesh.dimension(), static_cast<Eigen::Index>(obstacle.size()));
       for (size_t i = 0; i < obstacle.size(); ++i) points.col(static_cast<Eigen::Index>(i)) = obstacle[i];
@@ -142,14 +149,22 @@ class Picture {
     }
   }
 
-  void add_strokes(Page& page, Plots& list) const {
+  /// Whether what is round is nearer to the viewer than the bodies, by their middles.
+  bool is_in_front(size_t frame, const Eigen::MatrixXd& x) const {
+    double sum = 0;
+    const auto strokes = ground_strokes(record_, bounds_, frame, GroundsDrawn::round);
+    for (const auto& [from, to] : strokes) sum += view_.toward.dot(from);
+    return !strokes.empty() && sum / static_cast<double>(strokes.size()) > view_.toward.dot(x.rowwise().mean());
+  }
+
+  void add_strokes(Page& page, size_t frame, GroundsDrawn which, Plots& list) const {
     Rows rows;
-    for (const auto& [from, to] : strokes_) {
+    for (const auto& [from, to] : ground_strokes(record_, bounds_, frame, which)) {
       Eigen::MatrixXd ends(from.size(), 2);
       ends << from, to;
       append(rows, rows_of(seen(ends)));
     }
-    page.add(list, rows, flat_ ? "lines lw 1.2" : "lines lw 0.6", kGround);
+    if (!rows.empty()) page.add(list, rows, flat_ ? "lines lw 1.2" : "lines lw 0.6", kGround);
   }
 
   static Rows rows_of(const Eigen::MatrixXd& x) { return rows_in(kMillimetre, x.colwise()); }
@@ -214,7 +229,7 @@ class Picture {
   View view_;
   bool flat_;
   Bounds window_;
-  std::vector<std::pair<Eigen::VectorXd, Eigen::VectorXd>> strokes_;
+  Bounds bounds_;
 };
 
 /// A legend along lines below the title.

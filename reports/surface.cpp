@@ -133,30 +133,104 @@ Bounds bounds_of(const SimulationRecord& record) {
       bounds.include(near->second);
     }
   }
-  for (const auto& [point, normal] : record.grounds) {
-    const Eigen::VectorXd n = normal.normalized();
-    // The corner of the bodies' box that is nearest to the ground.
-    const Eigen::VectorXd lowest = (n.array() > 0).select(bodies.lower, bodies.upper);
-    const double height = (lowest - point).dot(n);
-    if (height < reach) bounds.include(lowest - height * n);
+  const auto include_near = [&](const Eigen::VectorXd& from, const Eigen::VectorXd& to) {
+    if ((from.array() > high.array()).any() || (to.array() < low.array()).any()) return;
+    bounds.include(from.cwiseMax(low));
+    bounds.include(to.cwiseMin(high));
+  };
+  for (const DrawnGround& ground : record.grounds) {
+    const Eigen::VectorXd n = ground.normal.normalized();
+    for (size_t frame = 0; frame < std::max<size_t>(1, ground.moved.size()); ++frame) {
+      const Eigen::VectorXd point = ground.at(frame);
+      if (ground.kind == GroundKind::sphere) {
+        include_near(point.array() - ground.radius, point.array() + ground.radius);
+      } else if (ground.kind == GroundKind::cylinder) {
+        const Eigen::VectorXd middle = (bodies.lower + bodies.upper) / 2, foot = point + (middle - point).dot(n) * n;
+        include_near(foot.array() - ground.radius, foot.array() + ground.radius);
+      } else {
+        // The corner of the bodies' box that is nearest to the ground.
+        const Eigen::VectorXd lowest = (n.array() > 0).select(bodies.lower, bodies.upper);
+        const double height = (lowest - point).dot(n);
+        if (height < reach) bounds.include(lowest - height * n);
+      }
+    }
   }
   return bounds;
 }
 
+namespace {
+
+using Strokes = std::vector<std::pair<Eigen::VectorXd, Eigen::VectorXd>>;
+
+/// A circle around `middle` through middle + radius a, towards b.
+void add_circle(const Eigen::VectorXd& middle, const Eigen::VectorXd& a, const Eigen::VectorXd& b, double radius,
+                Strokes& strokes) {
+  constexpr int pieces = 36;
+  const auto place = [&](int i) -> Eigen::VectorXd {
+    const double angle = 2 * std::numbers::pi * i / pieces;
+    return middle + radius * (std::cos(angle) * a + std::sin(angle) * b);
+  };
+  for (int i = 0; i < pieces; ++i) strokes.emplace_back(place(i), place(i + 1));
+}
+
+void add_round(const DrawnGround& ground, const Eigen::VectorXd& point, const Eigen::VectorXd& middle, double size,
+               Strokes& strokes) {
+  const double radius = ground.radius;
+  if (point.size() == 2) {
+    add_circle(point, Eigen::Vector2d::UnitX(), Eigen::Vector2d::UnitY(), radius, strokes);
+    for (int i = 0; i < 24; ++i) {
+      const double angle = 2 * std::numbers::pi * i / 24;
+      const Eigen::Vector2d up(std::cos(angle), std::sin(angle)), along(-up[1], up[0]);
+      strokes.emplace_back(point + radius * up, point + radius * up - 0.1 * radius * (up + along));
+    }
+    return;
+  }
+  const Eigen::Vector3d n = ground.normal.normalized();
+  const auto [a, b] = along_plane(n);
+  if (ground.kind == GroundKind::sphere) {
+    for (int i = -2; i <= 2; ++i) {
+      const double height = std::sin(std::numbers::pi * i / 6), across = std::cos(std::numbers::pi * i / 6);
+      add_circle(point + radius * height * n, a, b, radius * across, strokes);
+      const double turn = std::numbers::pi * (i + 2) / 5;
+      add_circle(point, n, std::cos(turn) * a + std::sin(turn) * b, radius, strokes);
+    }
+    return;
+  }
+  const Eigen::Vector3d foot = point + (middle - point).dot(n) * n;
+  const double reach = 0.5 * size;
+  for (int i = -2; i <= 2; ++i) add_circle(foot + 0.5 * reach * i * n, a, b, radius, strokes);
+  for (int i = 0; i < 12; ++i) {
+    const double angle = std::numbers::pi * i / 6;
+    const Eigen::Vector3d side = foot + radius * (std::cos(angle) * a + std::sin(angle) * b);
+    strokes.emplace_back(side - reach * n, side + reach * n);
+  }
+}
+
+}  // namespace
+
 std::vector<std::pair<Eigen::VectorXd, Eigen::VectorXd>> ground_strokes(const SimulationRecord& record,
-                                                                        const Bounds& bounds) {
-  std::vector<std::pair<Eigen::VectorXd, Eigen::VectorXd>> strokes;
+                                                                        const Bounds& bounds, size_t frame,
+                                                                        GroundsDrawn which) {
+  Strokes strokes;
   const double size = bounds.diagonal();
   const Eigen::VectorXd middle = (bounds.lower + bounds.upper) / 2;
-  for (const auto& [point, normal] : record.grounds) {
-    const Eigen::VectorXd n = normal.normalized();
+  for (const DrawnGround& ground : record.grounds) {
+    const Eigen::VectorXd n = ground.normal.normalized(), point = ground.at(frame);
+    const bool round = ground.kind != GroundKind::plane;
+    if (which != GroundsDrawn::all && round != (which == GroundsDrawn::round)) continue;
+    if (round) {
+      add_round(ground, point, middle, size, strokes);
+      continue;
+    }
     const Eigen::VectorXd foot = middle - (middle - point).dot(n) * n;
     if (record.mesh.dimension() == 2) {
       const Eigen::Vector2d along(n[1], -n[0]);
       const double reach = 1.5 * size, spacing = 0.025 * size;
       strokes.emplace_back(foot - reach * along, foot + reach * along);
+      // A ground that moves along itself takes its hatching with it.
+      const double shift = std::fmod(ground.at(frame).dot(along) - ground.point.dot(along), spacing);
       for (double s = -reach; s < reach; s += spacing) {
-        const Eigen::VectorXd from = foot + s * along;
+        const Eigen::VectorXd from = foot + (s + shift) * along;
         strokes.emplace_back(from, from - 0.7 * spacing * (along + n));
       }
     } else {
@@ -170,6 +244,10 @@ std::vector<std::pair<Eigen::VectorXd, Eigen::VectorXd>> ground_strokes(const Si
     }
   }
   return strokes;
+}
+
+bool grounds_move(const SimulationRecord& record) {
+  return std::ranges::any_of(record.grounds, [](const DrawnGround& ground) { return !ground.moved.empty(); });
 }
 
 View::View(double azimuth, double elevation)

@@ -38,16 +38,24 @@ struct Bounds {
   Eigen::VectorXd lower, upper;                               ///< corners
   void include(const Eigen::VectorXd& point);                 ///< makes it hold the point
   double diagonal() const { return (upper - lower).norm(); }  ///< [m]
+  bool holds(const Eigen::VectorXd& point) const {            ///< whether it has the point
+    return (point.array() >= lower.array()).all() && (point.array() <= upper.array()).all();
+  }
 };
 
 /// The window of all pictures of a run: all nodes and lines in all stored states, and what lies within a quarter of
 /// their diagonal of obstacles and grounds.
 Bounds bounds_of(const SimulationRecord& record);
 
-/// Grounds as they are drawn [m]: pairs of points, of the surface and of hatching behind it in 2D, of a square grid in
-/// 3D.
+/// Which grounds.
+enum class GroundsDrawn { all, planes, round };
+/// Grounds as they are drawn in a frame [m]: pairs of points, of the surface and of hatching behind it in 2D; in 3D of
+/// a square grid, of circles on what is round and lines along a cylinder.
 std::vector<std::pair<Eigen::VectorXd, Eigen::VectorXd>> ground_strokes(const SimulationRecord& record,
-                                                                        const Bounds& bounds);
+                                                                        const Bounds& bounds, size_t frame,
+                                                                        GroundsDrawn which = GroundsDrawn::all);
+/// Whether any of them moves.
+bool grounds_move(const SimulationRecord& record);
 
 /// An orthographic view: unit vectors to the right, upwards (z is up in space) and from the scene to the viewer.
 struct View {

@@ -285,7 +285,7 @@ void read_contact(TableReader table, Experiment& experiment) {
     table.fail("", "contact is for 2D geometries, and modules whose lips close; remove [contact]");
   if (closes) contact.compensate = table.boolean("compensate", true);
   if (dimension == 3) {
-    read_surroundings(table, dimension, contact);
+    read_surroundings(table, experiment, Language::bench, contact);
     return table.finish();
   }
   contact.form = table.choice<ContactForm>("form", {{"length_weighted", ContactForm::length_weighted},
@@ -297,7 +297,7 @@ void read_contact(TableReader table, Experiment& experiment) {
     table.fail("stiffness", "the barrier's stiffness is set from materials and loads; only the pair sums take one");
   }
   contact.bracketed = table.choice<bool>("friction", {{"none", false}, {"bracket", true}});
-  read_surroundings(table, 2, contact);
+  read_surroundings(table, experiment, Language::bench, contact);
   table.finish();
 }
 

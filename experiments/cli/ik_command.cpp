@@ -110,10 +110,11 @@ std::string csv_of(const std::vector<Solved>& all) {
   return csv;
 }
 
-void add_pose(const Robot& robot, const IkAnswer& answer, const std::string& label, SimulationRecord& record) {
+void add_pose(const Simulation& simulation, const Robot& robot, const IkAnswer& answer, const std::string& label,
+              SimulationRecord& record) {
   record.frames.push_back(static_cast<int>(record.samples.size()));
   record.samples.push_back(static_cast<double>(record.samples.size() + 1));
-  record.states.push_back(answer.u);
+  add_state(simulation, answer.u, record);
   for (size_t c = 0; c < robot.controls.size(); ++c) record.controls[c].values.push_back(answer.p[robot.controls[c]]);
   for (size_t c = 0; c < robot.readings.size(); ++c) {
     const SceneReading& reading = robot.readings[c];
@@ -149,7 +150,7 @@ SimulationRecord make_ik_record(const Simulation& simulation, const Robot& robot
   record.sample_unit = "1";
   for (const Solved& solved : all) {
     for (size_t k = 0; k < solved.answers.size(); ++k) {
-      if (solved.answers[k].u.size() > 0) add_pose(robot, solved.answers[k], label_of(solved, k), record);
+      if (solved.answers[k].u.size() > 0) add_pose(simulation, robot, solved.answers[k], label_of(solved, k), record);
     }
   }
   record.facts.emplace_back("jumps", jumps_text(simulation, robot, all, options));
@@ -158,7 +159,10 @@ SimulationRecord make_ik_record(const Simulation& simulation, const Robot& robot
   record.facts.emplace_back("inverted elements",
                             fmt::format("{} smallest J = {:.3g}", smallest > 0 ? "none;" : "YES:", smallest));
   if (!robot.intersects) return record;
-  const auto crossing = std::count_if(record.states.begin(), record.states.end(), robot.intersects);
+  int crossing = 0;
+  for (const Solved& solved : all) {
+    for (const IkAnswer& answer : solved.answers) crossing += answer.u.size() > 0 && robot.intersects(answer.u);
+  }
   record.facts.emplace_back(
       "intersections", crossing > 0 ? fmt::format("YES: in {} poses", crossing) : "none, by an exact test afterwards");
   return record;

@@ -117,14 +117,14 @@ void add_facts(const Simulation& simulation, const Robot& robot, const Simulatio
 }
 
 /// Frames evenly over time; steps need not be even.
-void add_frames(int count, const SimulationResult& result, SimulationRecord& record) {
-  const int frames = std::min(count, static_cast<int>(result.times.size()));
+void add_frames(const Simulation& simulation, const SimulationResult& result, SimulationRecord& record) {
+  const int frames = std::min(simulation.frames, static_cast<int>(result.times.size()));
   for (int i = 0; i < frames; ++i) {
     const double t = result.times.back() * i / std::max(1, frames - 1);
     const auto at = std::lower_bound(result.times.begin(), result.times.end(), t - 1e-12) - result.times.begin();
     if (!record.frames.empty() && record.frames.back() >= at) continue;
     record.frames.push_back(static_cast<int>(at));
-    record.states.push_back(result.states[static_cast<size_t>(at)]);
+    add_state(simulation, result.states[static_cast<size_t>(at)], record);
   }
 }
 
@@ -138,7 +138,7 @@ SimulationRecord make_record(const Simulation& simulation, const Robot& robot, c
     record.channels.push_back({"kinetic_energy", "J", "kinetic energy", result.kinetic});
     record.channels.push_back({"potential_energy", "J", "potential energy", result.potential});
   }
-  add_frames(simulation.frames, result, record);
+  add_frames(simulation, result, record);
   for (const RobotPlot& plot : simulation.plots) record.plots.push_back({plot.id, plot.title, plot.x, plot.y});
   add_facts(simulation, robot, result, record);
   return record;
@@ -271,6 +271,22 @@ void add_simulate_options(AddOption add, CommandOptions& options) {
 
 }  // namespace
 
+int carriers_of(const Simulation& simulation) {
+  return static_cast<int>(std::ranges::count_if(simulation.contact.grounds,
+                                                [](const GroundSettings& ground) { return !ground.control.empty(); }));
+}
+
+void add_state(const Simulation& simulation, const Eigen::VectorXd& u, SimulationRecord& record) {
+  const int d = record.mesh.dimension();
+  Eigen::Index carrier = record.mesh.X.size();
+  record.states.push_back(u.head(carrier));
+  for (size_t k = 0; k < record.grounds.size(); ++k) {
+    if (simulation.contact.grounds[k].control.empty()) continue;
+    record.grounds[k].moved.push_back(u.segment(carrier, d));
+    carrier += d;
+  }
+}
+
 SimulationRecord start_simulation_record(const Simulation& simulation, const Robot& robot,
                                          const CommandOptions& options) {
   SimulationRecord record;
@@ -285,7 +301,9 @@ SimulationRecord start_simulation_record(const Simulation& simulation, const Rob
   for (const std::vector<Eigen::Vector2d>& line : simulation.contact.obstacles)
     record.obstacles.emplace_back(line.begin(), line.end());
   for (const GroundSettings& ground : simulation.contact.grounds)
-    record.grounds.emplace_back(ground.point, ground.normal);
+    record.grounds.push_back({ground.point, ground.normal, ground.kind, ground.radius});
+  // Nodes of no element only carry grounds.
+  record.mesh.X.conservativeResize(record.mesh.X.size() - record.mesh.dimension() * carriers_of(simulation));
   for (const ControlSettings& control : simulation.controls)
     record.controls.push_back({control.id, units_of(control.quantity).front(), control.id, {}});
   for (const SceneReading& reading : robot.readings)

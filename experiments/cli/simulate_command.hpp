@@ -12,6 +12,11 @@ namespace taut {
 SimulationRecord start_simulation_record(const Simulation& simulation, const Robot& robot,
                                          const CommandOptions& options);
 
+/// How many nodes of no element, the mesh's last, carry grounds that move.
+int carriers_of(const Simulation& simulation);
+/// Appends a state of the robot's: the bodies' nodes, and where grounds are.
+void add_state(const Simulation& simulation, const Eigen::VectorXd& u, SimulationRecord& record);
+
 /// Writes a record, and puts it with what else stands in folder.next() in the old run's place; where its figures fail,
 /// all else takes its place first. `stopped`: parts are missing.
 void publish(const SimulationRecord& record, RunFolder& folder, bool stopped);

@@ -85,6 +85,7 @@ struct PlaneSurface : ContactSurface<2, ContactSettings> {
   double scale(const Params& p) const { return thickness() >= 0 ? p[thickness()] : 1.0; }
   double mollified(const State&, const Interaction&) const { return 1; }
   int feature_count() const { return edge_count(); }
+  std::vector<std::array<int, 2>> facets() const { return {edges.begin(), edges.begin() + body_edges}; }
   const std::array<int, 2>& corners_of(int edge) const { return edges[edge]; }
   int stiffness_of_feature(int edge) const { return edge_stiffness[edge]; }
   double share_of(int vertex) const { return 0.5 * length[vertex]; }
@@ -93,7 +94,11 @@ struct PlaneSurface : ContactSurface<2, ContactSettings> {
     if (feature < edge_count()) return side_of_vertex(edges[feature][0]);
     return -1 - static_cast<int>(settings.obstacles.size()) - (feature - edge_count());
   }
-  int side_of_feature(const Interaction& i) const { return side_of(i.second); }
+  /// Of what an interaction's vertex meets.
+  int other_side(const Interaction& i) const {
+    if (i.kind == Interaction::Kind::ground) return side_of(edge_count() + i.second);
+    return i.kind == Interaction::Kind::vertex ? side_of_vertex(i.second) : side_of(i.second);
+  }
   template <class Meet>
   void each_point_pair(const State& s, double reach, Meet&& meet) const {
     for (const Near& near : pairs_within(s, reach)) meet(near.first, near.second, near.closest.distance);
@@ -288,8 +293,7 @@ void PlaneSurface::differentiate(const State& s, const Interaction& i, const OfD
     const auto& [a, b] = edges[i.second];
     keep_distance({i.first, a, b}, PointLineDistance(s.from(a, i.first), s.from(a, b)));
   } else {
-    const Eigen::Vector2d& normal = settings.grounds[i.second].normal;
-    keep({i.first}, normal, Eigen::Matrix2d(f.second * normal * normal.transpose()));
+    differentiate_height(s, i, f, out);
   }
 }
 
@@ -377,7 +381,7 @@ void PlaneSurface::each_crossing(const Places& x, Found&& found) const {
 
 double PlaneSurface::overlap_about(const PinPatch<2>& pin, double reach) const {
   double farthest = -1;
-  const State rest{*this, Places::Zero(2, vertices())};
+  const State rest{*this, Places::Zero(2, vertices()), Places::Zero(2, ground_count())};
   for (const Near& near : pairs_within(rest, reach))
     extend_overlap(pin, std::array{near.first}, edges[near.second], farthest);
   each_crossing(X, [&](int e, int f) {
@@ -387,6 +391,7 @@ double PlaneSurface::overlap_about(const PinPatch<2>& pin, double reach) const {
   return farthest;
 }
 
+template struct Ground<2>;
 template class SurfaceContact<PlaneSurface, ContactSettings, ContactPair>;
 
 }  // namespace taut

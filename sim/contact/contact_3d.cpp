@@ -98,6 +98,7 @@ struct SpaceSurface : ContactSurface<3, Contact3dSettings> {
   static double reach_of(const Interaction& i) { return i.kind == Interaction::Kind::edges ? edge_reach : 1.0; }
   Barrier law(const Interaction& i, const Params& p) const { return {reach_of(i) * p[settings.gap]}; }
   int feature_count() const { return triangle_count(); }
+  const std::vector<std::array<int, 3>>& facets() const { return triangles; }
   const std::array<int, 3>& corners_of(int triangle) const { return triangles[triangle]; }
   int stiffness_of(const Params& p, int vertex) const { return stiffness_at(p, triangles_at, vertex); }
   int stiffness_of_feature(int triangle) const { return settings.stiffness[triangle]; }
@@ -106,8 +107,12 @@ struct SpaceSurface : ContactSurface<3, Contact3dSettings> {
   int side_of(int feature) const {
     return feature < triangle_count() ? part_of(triangles[feature][0]) : -1 - (feature - triangle_count());
   }
-  int side_of_feature(const Interaction& i) const {
-    return part_of(i.kind == Interaction::Kind::edge ? edges[i.second][0] : triangles[i.second][0]);
+  /// Of what an interaction's first vertex meets.
+  int other_side(const Interaction& i) const {
+    using Kind = Interaction::Kind;
+    if (i.kind == Kind::ground) return side_of(triangle_count() + i.second);
+    if (i.kind == Kind::vertex) return side_of_vertex(i.second);
+    return part_of(i.kind == Kind::triangle ? triangles[i.second][0] : edges[i.second][0]);
   }
   template <class Meet>
   void each_point_pair(const State& s, double reach, Meet&& meet) const {
@@ -362,10 +367,7 @@ void SpaceSurface::differentiate(const State& s, const Interaction& i, const OfD
     const auto& [c, d, e] = triangles[i.second];
     take({i.first, c, d, e}, FeatureDistance::point_plane(s.from(c, i.first), s.from(c, d), s.from(c, e)));
   } else if (i.kind == Kind::ground) {
-    const Vector3d& normal = settings.grounds[i.second].normal;
-    out.use(nodes, {i.first});
-    out.gradient = f.first * normal;
-    if (f.wants_hessian) out.hessian = f.second * normal * normal.transpose();
+    differentiate_height(s, i, f, out);
   } else {
     differentiate_edges(s, i, f, out);
   }
@@ -522,7 +524,7 @@ void SpaceSurface::each_crossing(const Places& x, Found&& found) const {
 
 double SpaceSurface::overlap_about(const PinPatch<3>& pin, double reach) const {
   double farthest = -1;
-  const State rest{*this, Places::Zero(3, vertices())};
+  const State rest{*this, Places::Zero(3, vertices()), Places::Zero(3, ground_count())};
   const auto [points, lines] = pairs_within(rest, reach, reach);
   for (const Near& near : points) extend_overlap(pin, std::array{near.first}, triangles[near.second], farthest);
   for (const Near& near : lines) extend_overlap(pin, edges[near.first], edges[near.second], farthest);
@@ -533,6 +535,7 @@ double SpaceSurface::overlap_about(const PinPatch<3>& pin, double reach) const {
   return farthest;
 }
 
+template struct Ground<3>;
 template class SurfaceContact<SpaceSurface, Contact3dSettings, ContactPair3>;
 
 }  // namespace taut

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 
 #include "sim/core/dense.hpp"
 #include "sim/core/jet.hpp"
@@ -68,20 +69,35 @@ Tuple<S, 2> coordinates(const Seen<S, 3>& seen, const Tuple<S, 3>& point) {
   return {(bb * pa - ab * pb) / det, (aa * pb - ab * pa) / det};
 }
 
-/// What is remembered of a vertex and a side that pressed on it.
+/// What is left of d along a ground at a place `at` on it, from the ground's point.
+template <class S, int D>
+Tuple<S, D> along_ground(const Ground<D>& ground, const Tuple<S, D>& at, const Tuple<S, D>& d) {
+  Tuple<S, D> normal;
+  for (int i = 0; i < D; ++i) normal[static_cast<size_t>(i)] = S(ground.normal[i]);
+  if (ground.is_round()) {
+    Tuple<S, D> across = at;
+    if (ground.kind == GroundKind::cylinder) across = plus<S, D>(at, -1.0 * dot<S, D>(at, normal), normal);
+    const S length = sqrt(dot<S, D>(across, across));
+    for (size_t i = 0; i < D; ++i) normal[i] = across[i] / length;
+  }
+  return plus<S, D>(d, -1.0 * dot<S, D>(normal, d), normal);
+}
+
+/// What is remembered of a vertex and a side that pressed on it: coordinates in the edge or triangle, or the place from
+/// the point of a ground, where it was caught.
 template <class S, int D>
 struct Caught {
   int feature = -1;  ///< -1: nothing pressed
-  Tuple<S, D - 1> at{};
+  Tuple<S, D> at{};
   S force{};
 };
 
 template <class AnyContact>
-class ContactFriction final : public Term {
+class ContactFriction final : public SidedTerm {
   static constexpr int D = AnyContact::dimension;
   static constexpr int places = D * (D + 1);  ///< coordinates of a vertex and what it meets
   static constexpr int slots = 2;             ///< sides that are remembered of each vertex
-  static constexpr int numbers = D + 1;       ///< of each: feature + 1, D - 1 coordinates, force
+  static constexpr int numbers = D + 2;       ///< of each: feature + 1, where it was caught, force
 
  public:
   ContactFriction(const AnyContact& contact, int coefficient, const Params& p)
@@ -92,8 +108,8 @@ class ContactFriction final : public Term {
     each(at, [&](const Meeting<D>& meeting, double k, const Caught<double, D>& caught) {
       using J = Jet<places>;
       Caught<J, D> constant{caught.feature, {}, J(caught.force)};
-      for (size_t i = 0; i + 1 < D; ++i) constant.at[i] = J(caught.at[i]);
-      const J energy = energy_of(seen<J>(meeting, at.u), constant, J(mu), k);
+      for (size_t i = 0; i < D; ++i) constant.at[i] = J(caught.at[i]);
+      const J energy = energy_of(meeting, seen<J>(meeting, at.u), constant, J(mu), k);
       out.add_energy(energy.v);
       if (out.gradient == nullptr && !out.wants_hessian()) return;
       const auto [nodes, entry] = moving(meeting);
@@ -115,6 +131,11 @@ class ContactFriction final : public Term {
   int place_memory(int first) override {
     first_ = first;
     return contact_->vertices() * slots * numbers;
+  }
+  std::unique_ptr<Term> between(std::array<int, 2> sides) const override {
+    auto some = std::make_unique<ContactFriction>(*this);  // of the same memory
+    some->between_ = sides;
+    return some;
   }
   void remember(const Point& at, Eigen::VectorXd& next) const override {
     catch_again<double>(
@@ -154,9 +175,15 @@ class ContactFriction final : public Term {
   static Caught<S, D> read(Memory&& memory, Eigen::Index from) {
     Caught<S, D> caught;
     caught.feature = static_cast<int>(std::lround(value_of(memory(from)))) - 1;
-    for (size_t i = 0; i + 1 < D; ++i) caught.at[i] = memory(from + 1 + static_cast<Eigen::Index>(i));
-    caught.force = memory(from + D);
+    for (size_t i = 0; i < D; ++i) caught.at[i] = memory(from + 1 + static_cast<Eigen::Index>(i));
+    caught.force = memory(from + D + 1);
     return caught;
+  }
+
+  /// Whether it is of the sides that are asked for.
+  bool counts(const Meeting<D>& meeting) const {
+    const std::array<int, 2> one{meeting.own_side, meeting.side}, other{meeting.side, meeting.own_side};
+    return !between_ || *between_ == one || *between_ == other;
   }
 
   /// action(meeting, stiffness, caught) for all that pressed when the step began.
@@ -168,6 +195,7 @@ class ContactFriction final : public Term {
         const auto caught = read<double>([&](Eigen::Index i) { return at.step->memory[i]; }, slot(v, which));
         if (caught.feature < 0) break;
         const Meeting<D> meeting = contact_->meeting(v, caught.feature, p_);
+        if (!counts(meeting)) continue;
         action(meeting, stiffness_of(meeting), caught);
       }
     }
@@ -188,7 +216,7 @@ class ContactFriction final : public Term {
   template <class S, class Displacement>
   static Seen<S, D> seen_with(const Meeting<D>& meeting, Displacement&& displacement) {
     Seen<S, D> seen;
-    for (int k = 0; k <= D; ++k) {
+    for (int k = 0; k <= (meeting.ground == nullptr ? D : 0); ++k) {
       if (k == 1) continue;
       Tuple<S, D>& to = k == 0 ? seen.vertex : seen.along[static_cast<size_t>(k) - 2];
       for (int i = 0; i < D; ++i)
@@ -206,15 +234,17 @@ class ContactFriction final : public Term {
   }
 
   template <class S>
-  static Tuple<S, D> stretch(const Seen<S, D>& seen, const Tuple<S, D - 1>& caught) {
+  static Tuple<S, D> stretch(const Meeting<D>& meeting, const Seen<S, D>& seen, const Tuple<S, D>& caught) {
     Tuple<S, D> d = seen.vertex;
+    if (meeting.ground != nullptr) return along_ground<S, D>(*meeting.ground, caught, plus<S, D>(d, S(-1.0), caught));
     for (size_t j = 0; j + 1 < D; ++j) d = plus<S, D>(d, -1.0 * caught[j], seen.along[j]);
     return tangential(seen, d);
   }
 
   template <class S>
-  static S energy_of(const Seen<S, D>& seen, const Caught<S, D>& caught, const S& mu, double k) {
-    const Tuple<S, D> g = stretch(seen, caught.at);
+  static S energy_of(const Meeting<D>& meeting, const Seen<S, D>& seen, const Caught<S, D>& caught, const S& mu,
+                     double k) {
+    const Tuple<S, D> g = stretch(meeting, seen, caught.at);
     const S square = dot<S, D>(g, g), limit = mu * caught.force;
     if (k * k * value_of(square) <= std::pow(value_of(limit), 2)) return (0.5 * k) * square;
     return limit * sqrt(square) - (0.5 / k) * (limit * limit);
@@ -236,8 +266,9 @@ class ContactFriction final : public Term {
                     slot(v, which));
         if (caught.feature < 0) break;
         const Meeting<D> meeting = contact_->meeting(v, caught.feature, p_);
-        const J energy =
-            energy_of(seen<J>(meeting, at.u), caught, along(at.p[coefficient_], by_coefficient), stiffness_of(meeting));
+        if (!counts(meeting)) continue;
+        const J energy = energy_of(meeting, seen<J>(meeting, at.u), caught, along(at.p[coefficient_], by_coefficient),
+                                   stiffness_of(meeting));
         for (int k = 0; k <= D; ++k) {
           const int node = meeting.nodes[static_cast<size_t>(k)];
           if (node >= 0) out.segment<D>(D * node) += energy.H.col(places).template segment<D>(D * k);
@@ -283,20 +314,25 @@ class ContactFriction final : public Term {
         if (caught.feature < 0) break;
         const Meeting<D> before = contact_->meeting(touch.vertex, caught.feature, p_);
         if (before.side != meeting.side) continue;
-        const Tuple<S, D> g = stretch(seen_now(before), caught.at);
+        const Tuple<S, D> g = stretch(before, seen_now(before), caught.at);
         const S square = dot<S, D>(g, g), limit = mu * caught.force;
         const double k = stiffness_of(before);
         const bool slides = k * k * value_of(square) > std::pow(value_of(limit), 2);
         place = plus<S, D>(place, slides ? S((-1.0 / k) * (limit / sqrt(square))) : S(-1.0), g);
       }
-      const Tuple<S, D - 1> alpha = coordinates(seen, place);
+      Tuple<S, D> where = place;
+      if (meeting.ground == nullptr) {
+        const Tuple<S, D - 1> alpha = coordinates(seen, place);
+        where = {};
+        std::ranges::copy(alpha, where.begin());
+      }
       const Eigen::Index to = slot(touch.vertex, which);
       if constexpr (std::is_same_v<S, double>) next[to] = touch.feature + 1;
-      for (size_t j = 0; j + 1 < D; ++j) next[to + 1 + static_cast<Eigen::Index>(j)] = to_write(alpha[j]);
+      for (size_t j = 0; j < D; ++j) next[to + 1 + static_cast<Eigen::Index>(j)] = to_write(where[j]);
       if constexpr (std::is_same_v<S, double>)
-        next[to + D] = touch.force.norm();
+        next[to + D + 1] = touch.force.norm();
       else
-        next[to + D] = touch.force.dot(touch.change) / touch.force.norm();
+        next[to + D + 1] = touch.force.dot(touch.change) / touch.force.norm();
     }
   }
 
@@ -304,15 +340,16 @@ class ContactFriction final : public Term {
   int coefficient_;
   Params p_;  ///< at which k is taken
   int first_ = 0;
+  std::optional<std::array<int, 2>> between_;  ///< sides; none: all
 };
 
 }  // namespace
 
-std::unique_ptr<Term> make_contact_friction(const Contact& contact, int coefficient, const Params& p) {
+std::unique_ptr<SidedTerm> make_contact_friction(const Contact& contact, int coefficient, const Params& p) {
   return std::make_unique<ContactFriction<Contact>>(contact, coefficient, p);
 }
 
-std::unique_ptr<Term> make_contact_friction(const Contact3d& contact, int coefficient, const Params& p) {
+std::unique_ptr<SidedTerm> make_contact_friction(const Contact3d& contact, int coefficient, const Params& p) {
   return std::make_unique<ContactFriction<Contact3d>>(contact, coefficient, p);
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <iterator>
 #include <limits>
+#include <stdexcept>
 
 #include "sim/core/dense.hpp"
 #include "sim/core/jet.hpp"
@@ -37,6 +38,7 @@ Edge edge_of(const Mesh& mesh, const ContactSettings& settings, int number) {
     number -= segments;
   }
   const GroundLine& ground = settings.grounds[static_cast<size_t>(number)];
+  if (ground.is_round() || ground.node >= 0) throw std::logic_error("grip: grounds are lines that stay");
   const Eigen::Vector2d along(ground.normal[1], -ground.normal[0]);
   edge.has_ends = false;
   edge.X << ground.point, ground.point + mesh.diagonal() * along;

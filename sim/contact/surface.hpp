@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "sim/contact/contact_geometry.hpp"
+#include "sim/contact/contact_geometry_3d.hpp"
 #include "sim/contact/contact_term.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/numbers.hpp"
@@ -149,7 +150,7 @@ std::vector<std::array<int, N>> pieces_of_boundary(const Mesh& mesh, const std::
 }
 
 /// Vertices of a boundary in D dimensions: the nodes of its features in ascending order, then others that stay where
-/// they are. Grounds are half-spaces {x: (x - point) . normal > 0}. Settings are ContactSettings or Contact3dSettings.
+/// they are. Settings are ContactSettings or Contact3dSettings.
 template <int D, class Settings>
 struct ContactSurface {
   static constexpr int dimension = D;
@@ -161,12 +162,18 @@ struct ContactSurface {
   struct State {
     const ContactSurface& surface;
     Places u;
+    Places ground_u;  ///< a column per ground
     /// From vertex a to vertex b [m].
     Place from(int b, int a) const { return (surface.X.col(a) - surface.X.col(b)) + (u.col(a) - u.col(b)); }
     /// Of vertex v over a ground [m].
     double height(int ground, int v) const {
-      const auto& plane = surface.settings.grounds[ground];
-      return (surface.X.col(v) - plane.point).dot(plane.normal) + u.col(v).dot(plane.normal);
+      const auto& of = surface.settings.grounds[ground];
+      if (of.is_round()) return of.height(from_ground(ground, v));
+      return (surface.X.col(v) - of.point).dot(of.normal) + (u.col(v) - ground_u.col(ground)).dot(of.normal);
+    }
+    /// From a ground's point to vertex v [m].
+    Place from_ground(int ground, int v) const {
+      return (surface.X.col(v) - surface.settings.grounds[ground].point) + (u.col(v) - ground_u.col(ground));
     }
     Places positions() const { return surface.X + u; }  ///< x = X + u [m]
     /// By how much positions may be rounded [m].
@@ -181,7 +188,7 @@ struct ContactSurface {
 
   int vertices() const { return static_cast<int>(X.cols()); }    ///< all of them
   int moving() const { return static_cast<int>(nodes.size()); }  ///< those of the mesh, which come first
-  int ground_count() const { return static_cast<int>(settings.grounds.size()); }  ///< half-spaces
+  int ground_count() const { return static_cast<int>(settings.grounds.size()); }  ///< see ContactSides
 
   /// The features of the mesh by vertices, which are made here. `what` names one in messages, "an edge".
   template <size_t N>
@@ -212,14 +219,67 @@ struct ContactSurface {
     return numbered;
   }
 
-  /// Makes the grounds' normals unit vectors; throws InputError for those without direction.
+  /// Makes the grounds' normals unit vectors; throws InputError for those without direction or radius.
   void normalise_grounds() {
     for (size_t g = 0; g < settings.grounds.size(); ++g) {
       auto& ground = settings.grounds[g];
+      if (ground.kind == GroundKind::cylinder && D == 2)
+        throw InputError(
+            fmt::format("contact: ground {} is a cylinder in the plane; take a sphere, a disc there", g + 1));
+      if (ground.is_round() && !(std::isfinite(ground.radius) && ground.radius > 0))
+        throw InputError(fmt::format("contact: ground {} is round and needs a positive radius", g + 1));
+      if (ground.kind == GroundKind::sphere) ground.normal = Place::Unit(D - 1);  // it has none
       if (!ground.point.allFinite() || !ground.normal.allFinite() || !(ground.normal.norm() > 0))
         throw InputError(fmt::format("contact: ground {} needs a finite point and a normal of unit length", g + 1));
       ground.normal.normalize();
     }
+  }
+  /// The gradient and the Hessian of f(h) of a vertex over a ground, on it and, where that moves, the ground's node.
+  template <class Local>
+  void differentiate_height(const State& s, const Interaction& i, const OfDistance& f, Local& out) const {
+    const Ground<D>& ground = settings.grounds[i.second];
+    const Place r = s.from_ground(i.second, i.first), up = ground.up(r);
+    const int count = ground.node < 0 ? 1 : 2;
+    out.count = count;
+    out.nodes[0] = nodes[i.first];
+    out.gradient.resize(D * count);
+    out.gradient.template head<D>() = f.first * up;
+    if (count == 2) {
+      out.nodes[1] = ground.node;
+      out.gradient.template tail<D>() = -f.first * up;
+    }
+    if (!f.wants_hessian) return;
+    Eigen::Matrix<double, D, D> own = f.second * up * up.transpose();
+    // The barrier falls with the height, so that what is round adds a negative part.
+    if (ground.is_round() && (f.curvature == Curvature::exact || f.first > 0)) own += f.first * ground.curvature(r);
+    out.hessian.resize(D * count, D * count);
+    for (int a = 0; a < count; ++a) {
+      for (int b = 0; b < count; ++b) out.hessian.template block<D, D>(D * a, D * b) = a == b ? own : -own;
+    }
+  }
+  /// Whether a facet comes nearer to the middle of a round ground than half of its radius.
+  template <size_t N>
+  bool cuts_ground(const State& s, const std::vector<std::array<int, N>>& facets) const {
+    for (int g = 0; g < ground_count(); ++g) {
+      const Ground<D>& ground = settings.grounds[g];
+      if (!ground.is_round()) continue;
+      PinPatch<D> middle{{}, Place::Zero(), Place::Zero(), 0};
+      if constexpr (D == 3) middle.axis = ground.normal;
+      for (const auto& facet : facets) {
+        std::array<Place, N> r;
+        for (size_t k = 0; k < N; ++k) r[k] = s.from_ground(g, facet[k]);
+        double distance = infinity;
+        if constexpr (D == 3) {
+          distance = ground.kind == GroundKind::cylinder
+                         ? distance_to<D, N>(middle, r)
+                         : closest_on_triangle(-r[0], r[1] - r[0], r[2] - r[0]).distance;
+        } else {
+          distance = distance_to<D, N>(middle, r);
+        }
+        if (distance < 0.5 * ground.radius) return true;
+      }
+    }
+    return false;
   }
 
   /// The part that a vertex of the mesh is of.
@@ -269,8 +329,11 @@ struct ContactSurface {
 
   /// That of a vector of all unknowns.
   State state(const Eigen::VectorXd& all) const {
-    State s{*this, Places::Zero(D, vertices())};
+    State s{*this, Places::Zero(D, vertices()), Places::Zero(D, ground_count())};
     for (int v = 0; v < moving(); ++v) s.u.col(v) = all.template segment<D>(D * nodes[v]);
+    for (int g = 0; g < ground_count(); ++g) {
+      if (settings.grounds[g].node >= 0) s.ground_u.col(g) = all.template segment<D>(D * settings.grounds[g].node);
+    }
     return s;
   }
 
@@ -308,8 +371,8 @@ struct ContactSurface {
   double ground_limit(const State& s, const State& change) const {
     double limit = 1;
     each_height(s, [&](int g, int v, double height) {
-      const double fall = -change.u.col(v).dot(settings.grounds[g].normal);
-      if (fall > 0 && 0.9 * height < limit * fall) limit = std::max(0.0, 0.9 * height / fall);
+      const Place dr = change.u.col(v) - change.ground_u.col(g);
+      limit = settings.grounds[g].free_motion(s.from_ground(g, v), dr, height, limit);
     });
     return limit;
   }
@@ -323,34 +386,101 @@ struct ContactSurface {
   }
 };
 
+template <int D>
+double Ground<D>::free_motion(const Vector& r, const Vector& dr, double h, double limit) const {
+  if (!is_round()) {
+    const double fall = -dr.dot(normal);
+    return fall > 0 && 0.9 * h < limit * fall ? std::max(0.0, 0.9 * h / fall) : limit;
+  }
+  if (!(h > 0)) return 0;
+  // |r + t dr|^2 = (radius + h/10)^2, whose constant is written without the squares that cancel.
+  const Vector from = across(r), way = across(dr);
+  const double a = way.squaredNorm(), b = from.dot(way), c = 0.9 * h * (2 * radius + 1.1 * h);
+  const double discriminant = b * b - a * c;
+  if (!(b < 0) || !(discriminant >= 0)) return limit;
+  return std::min(limit, c / (-b + std::sqrt(discriminant)));
+}
+
 template <class Surface, class Settings, class Pair>
 SurfaceContact<Surface, Settings, Pair>::SurfaceContact(const Mesh& mesh, Settings settings)
     : surface_(std::make_unique<const Surface>(mesh, std::move(settings))) {}
 template <class Surface, class Settings, class Pair>
 SurfaceContact<Surface, Settings, Pair>::~SurfaceContact() = default;
 
+/// What two sides have with each other.
+template <class Surface, class Settings, class Pair>
+class SurfaceContact<Surface, Settings, Pair>::Between final : public Term {
+ public:
+  Between(const SurfaceContact& contact, Sides sides) : contact_(&contact), sides_(sides) {}
+  void assemble(const Point& at, Assembly& out) const override { contact_->assemble(at, &sides_, out); }
+  bool depends_on(int index) const override { return contact_->depends_on(index); }
+  void add_parameter_gradient(const Point& at, int index, Eigen::VectorXd& out) const override {
+    contact_->add_parameter_gradient(at, index, &sides_, out);
+  }
+
+ private:
+  const SurfaceContact* contact_;
+  Sides sides_;
+};
+
+template <class Surface, class Settings, class Pair>
+std::unique_ptr<Term> SurfaceContact<Surface, Settings, Pair>::between(Sides sides) const {
+  return std::make_unique<Between>(*this, sides);
+}
+template <class Surface, class Settings, class Pair>
+int SurfaceContact<Surface, Settings, Pair>::side_of_obstacle(int number) const {
+  return -1 - number;
+}
+template <class Surface, class Settings, class Pair>
+int SurfaceContact<Surface, Settings, Pair>::side_of_ground(int number) const {
+  return surface_->side_of(surface_->feature_count() + number);
+}
+
+/// action(state, interaction) for all, or for those of two sides.
+template <class Surface, class Settings, class Pair>
+template <class Action>
+void SurfaceContact<Surface, Settings, Pair>::each_interaction(const Point& at, const Sides* between,
+                                                               Action&& action) const {
+  const typename Surface::State s = surface_->state(at.u);
+  for (const Interaction& i : surface_->interactions(s, at.p)) {
+    if (between != nullptr) {
+      const Sides sides{surface_->side_of_vertex(surface_->vertex_of(i)), surface_->other_side(i)};
+      if (sides != *between && sides != Sides{(*between)[1], (*between)[0]}) continue;
+    }
+    if (!action(s, i)) return;
+  }
+}
+
 template <class Surface, class Settings, class Pair>
 void SurfaceContact<Surface, Settings, Pair>::assemble(const Point& at, Assembly& out) const {
-  const typename Surface::State s = surface_->state(at.u);
+  assemble(at, nullptr, out);
+}
+
+template <class Surface, class Settings, class Pair>
+void SurfaceContact<Surface, Settings, Pair>::assemble(const Point& at, const Sides* between, Assembly& out) const {
   const double scale = surface_->scale(at.p);
   typename Surface::Local local;
-  for (const Interaction& i : surface_->interactions(s, at.p)) {
-    if (!(i.distance > 0) && !surface_->penalty()) return out.add_energy(std::numeric_limits<double>::infinity());
+  each_interaction(at, between, [&](const typename Surface::State& s, const Interaction& i) {
+    if (!(i.distance > 0) && !surface_->penalty()) {
+      out.add_energy(infinity);
+      return false;
+    }
     const auto law = surface_->law(i, at.p);
     const double factor = scale * at.p[i.stiffness] * i.weight, mollified = surface_->mollified(s, i);
     OfDistance f{factor * law.value(i.distance), 0, 0, out.wants_hessian(), out.curvature};
     out.add_energy(factor * mollified * law.value(i.distance));
-    if (i.distance == 0 && i.kind != Interaction::Kind::ground) continue;  // a spring of no direction
+    if (i.distance == 0 && i.kind != Interaction::Kind::ground) return true;  // a spring of no direction
     f.first = factor * law.slope(i.distance);
     // Displacements are rounded, and with them the distance.
     out.magnitude += std::abs(mollified * f.first) * s.u.col(surface_->vertex_of(i)).cwiseAbs().maxCoeff();
-    if (out.gradient == nullptr && !f.wants_hessian) continue;
+    if (out.gradient == nullptr && !f.wants_hessian) return true;
     if (f.wants_hessian) f.second = factor * law.curvature(i.distance);
     surface_->differentiate(s, i, f, local);
     constexpr int D = Surface::dimension;
     if (out.gradient != nullptr) out.add_gradient(local.nodes.data(), local.count, D, local.gradient.data());
     if (f.wants_hessian) out.add_coupling(local.nodes.data(), local.count, D, local.hessian.data());
-  }
+    return true;
+  });
 }
 
 template <class Surface, class Settings, class Pair>
@@ -392,10 +522,7 @@ auto SurfaceContact<Surface, Settings, Pair>::touches(const Point& at, const Eig
   const double scale = surface_->scale(at.p);
   for (const Interaction& i : surface_->interactions(s, at.p)) {
     if (i.kind == Interaction::Kind::edges || i.distance == 0) continue;
-    const int side = i.kind == Interaction::Kind::ground   ? surface_->side_of(surface_->feature_count() + i.second)
-                     : i.kind == Interaction::Kind::vertex ? surface_->side_of_vertex(i.second)
-                                                           : surface_->side_of_feature(i);
-    Touch<D>& touch = found.at({i.first, side}).second;
+    Touch<D>& touch = found.at({i.first, surface_->other_side(i)}).second;
     const auto law = surface_->law(i, at.p);
     const double factor = scale * at.p[i.stiffness] * i.weight;
     const OfDistance f{0, factor * law.slope(i.distance), factor * law.curvature(i.distance), du != nullptr};
@@ -423,16 +550,15 @@ auto SurfaceContact<Surface, Settings, Pair>::meeting(int vertex, int feature, c
     -> Meeting<dimension> {
   Meeting<dimension> meeting;
   meeting.side = surface_->side_of(feature);
+  meeting.own_side = surface_->side_of_vertex(vertex);
   meeting.nodes.fill(-1);
   meeting.X.col(0) = surface_->X.col(vertex);
   if (vertex < surface_->moving()) meeting.nodes[0] = surface_->nodes[vertex];
   const int own = surface_->stiffness_of(p, vertex), ground = feature - surface_->feature_count();
   if (ground >= 0) {
-    const auto& plane = surface_->settings.grounds[static_cast<size_t>(ground)];
-    Eigen::Matrix<double, dimension, dimension> along = Eigen::Matrix<double, dimension, dimension>::Zero();
-    along.col(1) = plane.normal.unitOrthogonal();
-    if constexpr (dimension == 3) along.col(2) = plane.normal.cross(along.col(1));
-    meeting.X.template rightCols<dimension>() = along.colwise() + plane.point;
+    meeting.ground = &surface_->settings.grounds[static_cast<size_t>(ground)];
+    meeting.nodes[1] = meeting.ground->node;
+    meeting.X.template rightCols<dimension>().colwise() = meeting.ground->point;
     meeting.stiffness = softer(p, own, surface_->settings.obstacle_stiffness);
     meeting.area = 2 * surface_->share_of(vertex);  // all of it is at the body's nodes
     return meeting;
@@ -458,18 +584,24 @@ bool SurfaceContact<Surface, Settings, Pair>::depends_on(int index) const {
 template <class Surface, class Settings, class Pair>
 void SurfaceContact<Surface, Settings, Pair>::add_parameter_gradient(const Point& at, int index,
                                                                      Eigen::VectorXd& out) const {
+  add_parameter_gradient(at, index, nullptr, out);
+}
+
+template <class Surface, class Settings, class Pair>
+void SurfaceContact<Surface, Settings, Pair>::add_parameter_gradient(const Point& at, int index, const Sides* between,
+                                                                     Eigen::VectorXd& out) const {
   if (!depends_on(index)) return;
-  const typename Surface::State s = surface_->state(at.u);
   typename Surface::Local local;
-  for (const Interaction& i : surface_->interactions(s, at.p)) {
+  each_interaction(at, between, [&](const typename Surface::State& s, const Interaction& i) {
     const OfDistance f = surface_->parameter_derivative(i, at.p, index);
-    if (f.value == 0 && f.first == 0) continue;
-    if (i.distance == 0 && i.kind != Interaction::Kind::ground) continue;
+    if (f.value == 0 && f.first == 0) return true;
+    if (i.distance == 0 && i.kind != Interaction::Kind::ground) return true;
     surface_->differentiate(s, i, f, local);
     constexpr int D = Surface::dimension;
     for (int k = 0; k < local.count; ++k)
       out.segment<D>(D * local.nodes[k]) += local.gradient.template segment<D>(D * k);
-  }
+    return true;
+  });
 }
 
 template <class Surface, class Settings, class Pair>
@@ -513,7 +645,7 @@ bool SurfaceContact<Surface, Settings, Pair>::intersects(const Eigen::VectorXd& 
   const typename Surface::State s = surface_->state(u);
   bool behind = false;
   surface_->each_height(s, [&](int, int, double height) { behind = behind || !(height > 0); });
-  if (behind) return true;
+  if (behind || surface_->cuts_ground(s, surface_->facets())) return true;
   bool found = false;
   surface_->each_crossing(s.positions(), [&](int, int) { return found = true; });
   return found;

@@ -101,8 +101,9 @@ void read_control(TableReader& table, Simulation& simulation) {
   ControlSettings control;
   control.id = table.text("id");
   const std::string start = table.text("start");
-  control.quantity =
-      quantity_of(table, "start", start, {Quantity::length, Quantity::angle, Quantity::force, Quantity::mass});
+  control.quantity = quantity_of(
+      table, "start", start,
+      {Quantity::length, Quantity::angle, Quantity::force, Quantity::mass, Quantity::pressure, Quantity::line_load});
   ControlSchedule schedule(parse_quantity(start, control.quantity, table.where("start")));
   for (TableReader& one : table.tables("piece")) {
     ControlSchedule::Piece piece;
@@ -226,7 +227,17 @@ void read_contact(TableReader table, Simulation& simulation) {
     }
     pressures->finish();
   }
-  read_surroundings(table, simulation.dimension, contact);
+  read_surroundings(table, simulation, Language::simulation, contact);
+  std::vector<std::string> names = body_names(simulation);
+  const auto take = [&](const std::string& name) {
+    if (name.empty()) return;
+    if (std::ranges::find(names, name) != names.end())
+      table.fail("",
+                 fmt::format("two bodies, grounds or obstacles are called '{}'; give each a name of its own", name));
+    names.push_back(name);
+  };
+  for (const GroundSettings& ground : contact.grounds) take(ground.name);
+  for (const std::string& name : contact.obstacle_names) take(name);
   table.finish();
 }
 
@@ -248,7 +259,7 @@ void read_workspace(TableReader table, Simulation& simulation) {
   workspace.x = known_id(table, "x", ids_of(simulation.channels), "a [[channel]]");
   workspace.y = known_id(table, "y", ids_of(simulation.channels), "a [[channel]]");
   for (const ChannelSettings& channel : simulation.channels) {
-    if ((channel.id == workspace.x || channel.id == workspace.y) && channel.kind->on != ChannelKind::On::place)
+    if ((channel.id == workspace.x || channel.id == workspace.y) && !channel.kind->is_place())
       table.fail("x", fmt::format("'{}' is not a position or displacement, which span a workspace", channel.id));
   }
   workspace.samples = table.integer("samples", 200, 3);
@@ -349,11 +360,12 @@ void refuse_without_effect(const Simulation& simulation) {
   use(simulation.joints);
   use(simulation.loads);
   use(simulation.supports);
+  use(simulation.contact.grounds);
   for (const ControlSettings& control : simulation.controls) {
     if (std::find(used.begin(), used.end(), control.id) == used.end())
       throw InputError(
           fmt::format("{}: the control '{}' moves nothing; name it as the retraction of a cable, the angle of a "
-                      "joint or the control of a load or a support, or remove it",
+                      "joint or the control of a load, a support or a ground, or remove it",
                       simulation.path, control.id));
   }
 }

@@ -181,8 +181,7 @@ HeaderUnit column_unit(const Setup& setup, const std::string& column, const std:
 LoadSettings read_load(TableReader& table, const Setup& setup, Language language) {
   const bool bench = language == Language::bench;
   // The unit of the column or of the value says what kind of load it is.
-  std::vector<Quantity> quantities{Quantity::force, Quantity::mass};
-  if (bench) quantities.insert(quantities.end(), {Quantity::pressure, Quantity::line_load});
+  const std::vector<Quantity> quantities{Quantity::force, Quantity::mass, Quantity::pressure, Quantity::line_load};
   LoadSettings load;
   load.id = table.text("id");
   if (bench && table.has("point") == table.has("on"))
@@ -202,13 +201,13 @@ LoadSettings read_load(TableReader& table, const Setup& setup, Language language
     load.control = known_id(table, "control", ids_of(setup.controls), "a [[control]]");
     load.quantity = control_quantity(setup, load.control);
     if (std::find(quantities.begin(), quantities.end(), load.quantity) == quantities.end())
-      table.fail("control", "a load is a force or a hung mass");
+      table.fail("control", "a load is a force, a hung mass, a traction (\"3 kPa\") or a line load (\"5 N/m\")");
   } else {
     const std::string value = table.text("value");
-    load.quantity = quantity_of(table, "value", value, quantities,
-                                bench ? "is not a load; give a force (\"2 N\"), a mass (\"100 g\"), a traction (\"3 "
-                                        "kPa\") or a line load (\"5 N/m\")"
-                                      : "");
+    load.quantity =
+        quantity_of(table, "value", value, quantities,
+                    "is not a load; give a force (\"2 N\"), a mass (\"100 g\"), a traction (\"3 kPa\") or a "
+                    "line load (\"5 N/m\")");
     load.value = parse_quantity(value, load.quantity, table.where("value"));
     if (!bench && load.quantity == Quantity::mass && load.value < 0)
       table.fail("value", fmt::format("a mass of {} is negative; give zero or more", value));
@@ -316,9 +315,44 @@ bool is_quantity(const std::string& text) {
   return blank != std::string::npos && parse_number(text.substr(0, blank));
 }
 
-void read_surroundings(TableReader& table, int dimension, SurfaceSettings& contact) {
+namespace {
+
+/// The keys of a simulation's ground that a bench's has not.
+void read_shape(TableReader& one, const Setup& setup, GroundSettings& ground) {
+  const int dimension = setup.dimension;
+  const std::string round = dimension == 2 ? "disc" : "sphere";
+  std::vector<std::pair<std::string, GroundKind>> kinds{{"plane", GroundKind::plane}, {round, GroundKind::sphere}};
+  if (dimension == 3) kinds.emplace_back("cylinder", GroundKind::cylinder);
+  ground.kind = one.choice("kind", kinds);
+  ground.name = one.text("name", "");
+  if (ground.kind != GroundKind::plane) ground.radius = one.positive("radius", Quantity::length, "radius");
+}
+
+void read_motion(TableReader& one, const Setup& setup, GroundSettings& ground) {
+  if (one.has("move") != one.has("control"))
+    one.fail("", "a ground that moves needs both 'move' (a component, or \"normal\") and 'control'");
+  if (!one.has("move")) return;
+  const std::string way = one.text("move");
+  if (way == "normal" && ground.kind != GroundKind::plane)
+    one.fail("move", fmt::format("only a plane moves along its normal; allowed: {}",
+                                 setup.dimension == 2 ? "x, y" : "x, y, z"));
+  ground.move = way == "normal"
+                    ? ground.normal
+                    : Eigen::VectorXd::Unit(setup.dimension, component_of(one, "move", way, setup.dimension)).eval();
+  ground.control = known_id(one, "control", ids_of(setup.controls), "a [[control]]");
+  if (control_quantity(setup, ground.control) != Quantity::length)
+    one.fail("control", fmt::format("control '{}' is not a length; its start says what it is", ground.control));
+}
+
+}  // namespace
+
+void read_surroundings(TableReader& table, const Setup& setup, Language language, SurfaceSettings& contact) {
+  const int dimension = setup.dimension;
+  const bool bench = language == Language::bench;
   for (TableReader& one : table.tables("obstacle")) {
-    if (dimension == 3) one.fail("", "obstacles are for 2D simulations; use a ground or a clamped body");
+    if (dimension == 3)
+      one.fail("", "obstacles are for 2D simulations; use a ground (a plane, sphere or cylinder) or a clamped body");
+    contact.obstacle_names.push_back(bench ? "" : one.text("name", ""));
     std::vector<Eigen::Vector2d>& line = contact.obstacles.emplace_back();
     for (const std::vector<double>& point : read_points(one, 2)) line.emplace_back(point[0], point[1]);
     if (line.size() < 2) one.fail("x", "an obstacle needs at least two points");
@@ -326,10 +360,20 @@ void read_surroundings(TableReader& table, int dimension, SurfaceSettings& conta
   }
   for (TableReader& one : table.tables("ground")) {
     const size_t d = static_cast<size_t>(dimension);
-    const Eigen::VectorXd point = vector_of(one.quantities("point", Quantity::length, d)),
-                          normal = vector_of(one.numbers("normal", d));
-    if (!(normal.norm() > 0)) one.fail("normal", "the normal must not be all zeros; it points to where things may be");
-    contact.grounds.push_back({point, normal.normalized()});
+    GroundSettings& ground = contact.grounds.emplace_back();
+    if (!bench) read_shape(one, setup, ground);
+    ground.point = vector_of(one.quantities("point", Quantity::length, d));
+    ground.normal = Eigen::VectorXd::Unit(dimension, dimension - 1);
+    if (ground.kind != GroundKind::sphere) {
+      const bool plane = ground.kind == GroundKind::plane;
+      const std::string key = plane ? "normal" : "axis";
+      const Eigen::VectorXd normal = vector_of(one.numbers(key, d));
+      if (!(normal.norm() > 0))
+        one.fail(key, plane ? "the normal must not be all zeros; it points to where things may be"
+                            : "the axis must not be all zeros");
+      ground.normal = normal.normalized();
+    }
+    if (!bench) read_motion(one, setup, ground);
     one.finish();
   }
 }
@@ -347,6 +391,21 @@ void read_place(TableReader& table, size_t dimension, ChannelSettings& channel) 
   if (channel.point.empty()) table.fail("standoff", "a stand-off needs 'point', the foot it stands on");
   channel.standoff = table.quantities("standoff", Quantity::length, dimension);
   channel.turns_with = table.text("turns_with");
+}
+
+/// The key "by" of a contact force.
+void read_who_presses(TableReader& table, const Setup& setup, ChannelSettings& channel) {
+  if (!setup.contact.on)
+    table.fail("kind", "without [contact] bodies pass through each other; add it, with gap = \"0.1 mm\" for example");
+  std::vector<std::string> names = body_names(setup);
+  for (const std::string& name : setup.contact.obstacle_names) {
+    if (!name.empty()) names.push_back(name);
+  }
+  for (const GroundSettings& ground : setup.contact.grounds) {
+    if (!ground.name.empty()) names.push_back(ground.name);
+  }
+  channel.by = known_id(table, "by", names, "the name of a [[body]], a [[contact.ground]] or a [[contact.obstacle]]");
+  if (channel.by == channel.on) table.fail("by", "a body exerts no net force on itself; name another one");
 }
 
 /// The key "kind"; the first of the names is the fallback.
@@ -386,6 +445,7 @@ ChannelSettings read_channel(TableReader& table, const Setup& setup, Language la
     channel.on = known_id(table, "of", body_names(setup), "a [[body]]");
   else
     channel.on = "the model";
+  if (kind.name == "contact_force") read_who_presses(table, setup, channel);
   return channel;
 }
 

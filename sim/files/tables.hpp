@@ -76,8 +76,8 @@ void read_cable_points(TableReader& table, int dimension, const std::vector<std:
 EyeletLine read_eyelets(TableReader& table, const GeometrySettings& geometry, EyeletLine line);
 /// Whether a text is a number with a unit: "5 N" is, "tension_1_N" is a name.
 bool is_quantity(const std::string& text);
-/// Tables obstacle and ground of [contact].
-void read_surroundings(TableReader& table, int dimension, SurfaceSettings& contact);
+/// Tables obstacle and ground of [contact], after the controls. At a bench grounds are planes that stay, without names.
+void read_surroundings(TableReader& table, const Setup& setup, Language language, SurfaceSettings& contact);
 /// Keys of a [[channel]]: id, kind (those that files of this language have), direction when it has one, and what it
 /// is on.
 ChannelSettings read_channel(TableReader& table, const Setup& setup, Language language);

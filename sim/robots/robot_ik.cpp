@@ -17,7 +17,7 @@ std::vector<std::string> channels_of(const IkTarget& target) {
 }  // namespace
 
 std::optional<Quantity> target_quantity(const ChannelSettings& channel) {
-  if (channel.kind->on == ChannelKind::On::place) return Quantity::length;
+  if (channel.kind->is_place()) return Quantity::length;
   if (channel.kind->unit == "rad") return Quantity::angle;
   return std::nullopt;
 }

@@ -71,9 +71,17 @@ Eigen::MatrixXd reading_derivatives(const Robot& robot, const AcceptedStep& step
                                     const std::vector<int>& indices) {
   Eigen::MatrixXd result(static_cast<Eigen::Index>(robot.readings.size()), static_cast<Eigen::Index>(indices.size()));
   Eigen::Index row = 0;
-  for (const SceneReading& reading : robot.readings)
-    result.row(row++) = reading.channel ? channel_derivatives(*reading.channel, {step.u, step.p}, state.du, indices)
-                                        : net_force_derivatives(robot, reading, step, state, indices);
+  const Point at = point_of(step);
+  for (const SceneReading& reading : robot.readings) {
+    auto to = result.row(row++);
+    if (!reading.channel) {
+      to = net_force_derivatives(robot, reading, step, state, indices);
+      continue;
+    }
+    to = channel_derivatives(*reading.channel, at, state.du, indices);
+    if (at.step == nullptr || at.step->memory.size() == 0 || state.dmemory.size() == 0) continue;
+    for (Eigen::Index j = 0; j < to.size(); ++j) to[j] += reading.channel->memory_derivative(at, state.dmemory.col(j));
+  }
   return result;
 }
 
@@ -81,7 +89,7 @@ Eigen::VectorXd reading_gradient(const Robot& robot, std::vector<AcceptedStep> s
                                  const Eigen::MatrixXd& du_start, const std::vector<int>& indices) {
   Eigen::VectorXd result(static_cast<Eigen::Index>(indices.size())), by_state;
   {
-    const Point end{states.back().u, states.back().p};
+    const Point end = point_of(states.back());
     by_state = reading.channel->gradient(end);
     for (size_t j = 0; j < indices.size(); ++j)
       result[static_cast<Eigen::Index>(j)] = reading.channel->parameter_derivative(end, indices[j]);

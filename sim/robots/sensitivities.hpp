@@ -11,11 +11,19 @@ namespace taut {
 Eigen::RowVectorXd channel_derivatives(const Channel& channel, const Point& at, const Eigen::MatrixXd& du,
                                        const std::vector<int>& indices);
 
-/// What the derivatives of a state are: of u, and in a time step of its step.reference; (unknowns x numbers).
+/// What the derivatives of a state are: of u, and in a time step of its step.reference, (unknowns x numbers), and of
+/// its step.memory.
 struct StateDerivatives {
   const Eigen::MatrixXd& du;
   const Eigen::MatrixXd& dreference;
+  const Eigen::MatrixXd& dmemory;
 };
+
+/// Where a channel is read: within the step where it had one.
+inline Point point_of(const AcceptedStep& step) {
+  const bool has_past = step.h > 0 || step.step.memory.size() > 0;
+  return {step.u, step.p, has_past ? &step.step : nullptr};
+}
 
 /// Force of a reading of kind net_force, by all others but gravity: mass times acceleration less weight [N]. Zero at
 /// the start, where there is no step yet.

@@ -129,8 +129,8 @@ class Run {
         const double t = times[k] - (1 - report.slipped_after) * relaxing.length;
         result_.slips.push_back({t, largest_motion(equilibrium.u() - before, model_.mesh().dimension())});
       }
+      const AcceptedStep state{times[k], k == 0 ? 0 : simulation_.step, equilibrium.u(), still, p, relaxing};
       if (remembers) relaxing.memory = model_.remember({equilibrium.u(), p, &relaxing});
-      const AcceptedStep state{times[k], k == 0 ? 0 : simulation_.step, equilibrium.u(), still, p, {}};
       record(state);
       if (wanted_.all_readings || k == goal) follow(equilibrium, state, k == goal);
       ++result_.steps;
@@ -141,7 +141,7 @@ class Run {
   void follow(Equilibrium& equilibrium, const AcceptedStep& state, bool goal) {
     const Eigen::MatrixXd du = equilibrium_derivatives(equilibrium, wanted_.parameters);
     const Eigen::MatrixXd dy =
-        reading_derivatives(robot_, state, {du, Eigen::MatrixXd::Zero(du.rows(), du.cols())}, wanted_.parameters);
+        reading_derivatives(robot_, state, {du, Eigen::MatrixXd::Zero(du.rows(), du.cols()), {}}, wanted_.parameters);
     if (wanted_.all_readings) result_.derivatives.push_back(dy);
     if (!goal) return;
     result_.goal_sample = result_.times.size() - 1;
@@ -171,8 +171,8 @@ class Run {
       record(stepper.last());
       if (wanted_.goal) states.push_back(stepper.last());
       if (!wanted_.all_readings) return;
-      result_.derivatives.push_back(
-          reading_derivatives(robot_, stepper.last(), {stepper.du(), stepper.dreference()}, wanted_.parameters));
+      result_.derivatives.push_back(reading_derivatives(
+          robot_, stepper.last(), {stepper.du(), stepper.dreference(), stepper.dmemory()}, wanted_.parameters));
     };
     keep();
     while (stepper.t() < simulation_.duration && advance(stepper)) {
@@ -262,7 +262,7 @@ class Run {
     for (size_t k = 0; k < robot_.controls.size(); ++k) result_.controls[k].push_back(step.p[robot_.controls[k]]);
     for (size_t k = 0; k < robot_.readings.size(); ++k) {
       const SceneReading& reading = robot_.readings[k];
-      result_.readings[k].push_back(reading.channel ? reading.rest + reading.channel->value(at)
+      result_.readings[k].push_back(reading.channel ? reading.rest + reading.channel->value(point_of(step))
                                                     : net_force(robot_, reading, step));
     }
     Assembly potential, kinetic;

@@ -158,28 +158,6 @@ std::string_view name_of(IkStatus status) {
   return "";
 }
 
-double stiffness_along(const Equilibrium& equilibrium, const Eigen::VectorXd& direction) {
-  return 1 / direction.dot(equilibrium.solve_linear(direction).col(0));
-}
-
-Eigen::RowVectorXd log_stiffness_slopes(const Equilibrium& equilibrium, const Eigen::VectorXd& direction,
-                                        const std::vector<int>& indices, const Eigen::VectorXd& steps) {
-  const Eigen::VectorXd w = equilibrium.solve_linear(direction).col(0);
-  const Eigen::MatrixXd du = equilibrium.sensitivities(indices);
-  Eigen::RowVectorXd slopes(du.cols());
-  for (Eigen::Index j = 0; j < du.cols(); ++j) {
-    double difference = 0;
-    for (const double step : {steps[j], -steps[j]}) {
-      const Eigen::VectorXd u = equilibrium.u() + step * du.col(j);
-      Params p = equilibrium.p();
-      p[indices[static_cast<size_t>(j)]] += step;
-      difference += w.dot(equilibrium.model().hessian_times({u, p}, w)) / (2 * step);
-    }
-    slopes[j] = difference / direction.dot(w);
-  }
-  return slopes;
-}
-
 /// The search of one solve. Controls are seen as fractions q of their ranges, errors in units of the tolerance.
 class SoftIk::Search {
  public:

@@ -10,6 +10,7 @@
 #include "sim/model/channel.hpp"
 #include "sim/scene/scene.hpp"
 #include "sim/solve/equilibrium.hpp"
+#include "sim/solve/tangent_stiffness.hpp"
 
 namespace taut {
 
@@ -62,17 +63,6 @@ struct IkResult {
   int solves = 0, factorisations = 0;  ///< of equilibria
   double seconds = 0;
 };
-
-/// The stiffness k = 1/(c^T H^-1 c) [N/m] along displacement weights c (mean_weights(), say) at the last equilibrium: a
-/// force along c over how far its place goes, controls held. Throws std::logic_error without a factor.
-double stiffness_along(const Equilibrium& equilibrium, const Eigen::VectorXd& direction);
-
-/// d ln k/dp_j along the equilibria for each of `indices`, shape (1 x indices): with w = H^-1 c it is k w^T (dH/dp_j)
-/// w, dH/dp_j the central difference of two Hessian products `steps`[j] to either side on the tangent of the
-/// equilibria. No equilibrium is solved. Not for models with rigid bodies, whose unknowns turn with the state. Throws
-/// as above.
-Eigen::RowVectorXd log_stiffness_slopes(const Equilibrium& equilibrium, const Eigen::VectorXd& direction,
-                                        const std::vector<int>& indices, const Eigen::VectorXd& steps);
 
 /// Soft inverse kinematics: controls c within bounds whose static equilibrium u*(c) brings channels to targets and that
 /// are as near to the nominal ones as that allows,

@@ -71,18 +71,28 @@ ParameterSpec control_spec(const std::string& id, Quantity quantity) {
   }
 }
 
-template <class Ground>
-std::vector<Ground> grounds_as(const SurfaceSettings& settings) {
-  std::vector<Ground> grounds;
-  for (const GroundSettings& ground : settings.grounds) grounds.push_back({ground.point, ground.normal});
-  return grounds;
+bool moves(const GroundSettings& ground) {
+  return !ground.control.empty();
+}
+
+/// With a node of no element at the end for each ground that moves, which carries it.
+Mesh with_carriers(Mesh mesh, const SurfaceSettings& contact) {
+  if (!contact.on || contact.idle) return mesh;
+  const Eigen::VectorXd place = mesh.node(0);  // where its box is not made larger
+  for (int left = static_cast<int>(std::ranges::count_if(contact.grounds, moves)); left > 0; --left) {
+    mesh.X.conservativeResize(mesh.X.size() + place.size());
+    mesh.X.tail(place.size()) = place;
+  }
+  return mesh;
 }
 
 /// One build: what is under construction, and the steps.
 class Assembler {
  public:
   Assembler(const Setup& setup, const SceneOptions& options)
-      : setup_(setup), options_(options), builder_(make_whole(setup), setup.plane, setup.thickness) {}
+      : setup_(setup),
+        options_(options),
+        builder_(with_carriers(make_whole(setup), setup.contact), setup.plane, setup.thickness) {}
 
   BuiltScene build() {
     built_.gravity = builder_.declare({"g", "g", "m/s2", 0, 1000, "acceleration of gravity"}, setup_.gravity);
@@ -563,6 +573,20 @@ class Assembler {
     }
   }
 
+  template <class AnyGround>
+  std::vector<AnyGround> grounds() {
+    std::vector<AnyGround> made;
+    const auto& all = setup_.contact.grounds;
+    int next = builder_.mesh().node_count() - static_cast<int>(std::ranges::count_if(all, moves));
+    for (const GroundSettings& ground : all) {
+      made.push_back({ground.point, ground.normal, ground.kind, ground.radius});
+      if (!moves(ground)) continue;
+      builder_.carry(next, ground.move, index_of(ground.control));
+      made.back().node = next++;
+    }
+    return made;
+  }
+
   void add_contact() {
     refuse_nested_bodies();
     const std::map<std::string, double> pressures = contact_pressures();
@@ -571,7 +595,14 @@ class Assembler {
       built_.smallest_distance = [&contact](const Eigen::VectorXd& u, double horizon) {
         return contact.smallest_distance(u, horizon);
       };
-      if (setup_.contact.friction) builder_.add_contact_friction(contact, *setup_.contact.friction);
+      built_.touching.terms.push_back(&contact);
+      if (setup_.contact.friction)
+        built_.touching.terms.push_back(&builder_.add_contact_friction(contact, *setup_.contact.friction));
+      const SurfaceSettings& settings = setup_.contact;
+      for (size_t k = 0; k < settings.obstacle_names.size(); ++k)
+        built_.touching.side_called[settings.obstacle_names[k]] = contact.side_of_obstacle(static_cast<int>(k));
+      for (size_t k = 0; k < settings.grounds.size(); ++k)
+        built_.touching.side_called[settings.grounds[k].name] = contact.side_of_ground(static_cast<int>(k));
     };
     const SurfaceSettings& settings = setup_.contact;
     double diagonal = builder_.mesh().diagonal();
@@ -581,21 +612,21 @@ class Assembler {
       diagonal = whole_extent().norm();
     const double gap = settings.gap > 0 ? settings.gap : contact_gap(setup_.bodies.front().mesh, diagonal);
     if (builder_.mesh().dimension() == 2) {
-      built_.contact =
-          &builder_.add_contact(gap, pressures, settings.obstacles, grounds_as<GroundLine>(settings), settings.form);
+      built_.contact = &builder_.add_contact(gap, pressures, settings.obstacles, grounds<GroundLine>(), settings.form);
       return watch(*built_.contact);
     }
-    watch(builder_.add_contact_3d(gap, pressures, grounds_as<GroundPlane>(settings)));
+    watch(builder_.add_contact_3d(gap, pressures, grounds<GroundPlane>()));
   }
 
   SceneReading make_reading(const ChannelSettings& channel) const {
     SceneReading reading;
     reading.id = channel.id;
     reading.unit = channel.kind->unit;
-    const std::string of = channel.marker.empty() ? channel.on : "marker " + channel.marker;
+    std::string of = channel.marker.empty() ? channel.on : "marker " + channel.marker;
+    if (!channel.by.empty()) of += " by " + channel.by;
     reading.meaning = fmt::format("{} {}", channel.kind->meaning, of.empty() ? "a point" : of);
-    reading.channel = channel.kind->make(
-        {channel, setup_, *built_.scene.model, built_.cables, built_.joints, options_.rigid_segments, reading});
+    reading.channel = channel.kind->make({channel, setup_, *built_.scene.model, built_.cables, built_.joints,
+                                          built_.touching, options_.rigid_segments, reading});
     return reading;
   }
 

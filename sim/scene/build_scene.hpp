@@ -23,6 +23,7 @@ struct BuiltScene {
   int gravity = -1;                    ///< table index
   std::vector<JoinedParts> joined;     ///< what joints connect, and where it does not see each other
   std::vector<int> off_at_rest;  ///< table indices of gravity and constant loads, of which the rest shape knows nothing
+  Touching touching;             ///< what of the scene is contact
   const Contact* contact = nullptr;                          ///< lives in the scene; null: there is none, or a 3D one
   std::function<bool(const Eigen::VectorXd& u)> intersects;  ///< exact test of a state; empty: there is no contact
   std::function<double(const Eigen::VectorXd& u, double horizon)> smallest_distance;  ///< [m], looked for up to horizon

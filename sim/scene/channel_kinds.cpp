@@ -7,7 +7,9 @@
 
 #include "sim/core/error.hpp"
 #include "sim/mesh/weights.hpp"
+#include "sim/scene/contact_force.hpp"
 #include "sim/scene/reaction.hpp"
+#include "sim/solve/tangent_stiffness.hpp"
 
 namespace taut {
 namespace {
@@ -139,6 +141,26 @@ std::unique_ptr<Channel> make_net_force(const ChannelParts& of) {
   return nullptr;
 }
 
+std::unique_ptr<Channel> make_force_by(const ChannelParts& of) {
+  if (of.touching.terms.empty()) throw InputError("nothing touches anything here; add [contact]");
+  const Part& part = of.mesh().part(of.channel.on);
+  const auto surroundings = of.touching.side_called.find(of.channel.by);
+  const int by = surroundings != of.touching.side_called.end()
+                     ? surroundings->second
+                     : static_cast<int>(&of.mesh().part(of.channel.by) - of.mesh().parts.data());
+  return make_contact_force(of.mesh(), of.touching.terms, part, by, of.direction());
+}
+
+std::unique_ptr<Channel> make_stiffness(const ChannelParts& of) {
+  const Eigen::VectorXd weights = place_weights(of);
+  bool moves = false;
+  for (Eigen::Index i = 0; i < weights.size(); ++i)
+    moves = moves || (weights[i] != 0 && of.model.free_index(static_cast<int>(i)) >= 0);
+  if (!moves)
+    throw InputError("what is held along this direction gives way to no force; name a place that can move along it");
+  return make_tangent_stiffness(of.model, weights);
+}
+
 }  // namespace
 
 const std::vector<ChannelKind>& channel_kinds() {
@@ -158,7 +180,10 @@ const std::vector<ChannelKind>& channel_kinds() {
       {"reaction", "N", "reaction of", On::tag, make_support_reaction, Directed::always, false, Known::at_rest,
        "is that of an equilibrium"},
       {"net_force", "N", "force on", On::body, make_net_force, Directed::always, false, Known::in_steps,
-       "is mass times acceleration"}};
+       "is mass times acceleration"},
+      {"contact_force", "N", "contact force on", On::body, make_force_by, Directed::always},
+      {"stiffness", "N/m", "stiffness of", On::place, make_stiffness, Directed::always, false, Known::at_rest,
+       "is that of an equilibrium", true}};
   return kinds;
 }
 

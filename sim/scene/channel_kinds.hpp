@@ -1,9 +1,11 @@
 #pragma once
+#include <map>
 #include <memory>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "sim/contact/contact_term.hpp"
 #include "sim/model/channel.hpp"
 #include "sim/model/model.hpp"
 #include "sim/scene/setup.hpp"
@@ -22,6 +24,12 @@ struct SceneReading {
   Eigen::VectorXd direction;         ///< of a net force, unit length
 };
 
+/// The terms of contact and friction of a scene; they live in it.
+struct Touching {
+  std::vector<const SidedTerm*> terms;     ///< none: there is no contact
+  std::map<std::string, int> side_called;  ///< of obstacles and grounds with a name
+};
+
 /// What a channel is made from: its settings, the model with all that they may name, and what it becomes.
 struct ChannelParts {
   const ChannelSettings& channel;
@@ -29,6 +37,7 @@ struct ChannelParts {
   const Model& model;
   const std::vector<Cable>& cables;  ///< as setup.cables has them
   const std::vector<Joint>& joints;  ///< as setup.joints has them
+  const Touching& touching;          ///< what of the model is contact
   bool rigid_segments;               ///< stiff regions move as rigid bodies
   SceneReading& reading;
 
@@ -67,9 +76,13 @@ struct ChannelKind {
   bool from_rest = false;            ///< whether it is zero in the rest shape
   Known known = Known::always;       ///< in which states; in_steps: of integrators that hand out their steps
   std::string_view why{};            ///< not in others: the sentence that begins with its name
+  bool simulated_only = false;       ///< not of a bench
+
+  /// Whether it says where something is: a coordinate or how it changes.
+  bool is_place() const { return on == On::place && unit == "m"; }
 
   /// A bench has one body, without a name, and no joints.
-  bool at_bench() const { return on != On::joint && on != On::body; }
+  bool at_bench() const { return on != On::joint && on != On::body && !simulated_only; }
 };
 
 /// All of them.

@@ -44,10 +44,15 @@ std::vector<int> parts_of(const Mesh& mesh, const std::function<bool(int)>& chos
 
 /// Contact that would push before anything moves is refused.
 template <class AnyContact>
-void check_rest(const AnyContact& contact, Eigen::Index unknowns, double gap) {
-  const Eigen::VectorXd rest = Eigen::VectorXd::Zero(unknowns);
+void check_rest(const AnyContact& contact, const Mesh& mesh, double gap) {
+  const Eigen::VectorXd rest = Eigen::VectorXd::Zero(mesh.X.size());
   if (contact.intersects(rest))
     throw InputError("bodies, obstacles or grounds cross each other at rest; move the obstacle or the ground away");
+  for (const auto& ground : contact.settings().grounds) {
+    const auto holds = [&](const Part& part) { return lies_in(part, mesh, ground.point); };
+    if (ground.kind == GroundKind::sphere && std::ranges::any_of(mesh.parts, holds))
+      throw InputError("a round ground lies inside a body at rest; move one of them");
+  }
   const double smallest = contact.smallest_distance(rest, 2 * gap);
   if (!(smallest > gap)) {
     throw InputError(fmt::format(
@@ -197,6 +202,11 @@ void SceneBuilder::add_elastic_clamp(const std::string& tag, double rotation_sti
 
 void SceneBuilder::prescribe(const std::string& tag, int component, int control) {
   support(tag, component, control);
+}
+
+void SceneBuilder::carry(int node, const Eigen::VectorXd& way, int control) {
+  const int d = mesh_.dimension();
+  for (int i = 0; i < d; ++i) carried_.push_back({node * d + i, control, way[i]});
 }
 
 void SceneBuilder::check_direction(const Eigen::VectorXd& direction) const {
@@ -387,7 +397,7 @@ Joint SceneBuilder::add_joint(const JointSettings& settings, int angle) {
 
 /// Per node the part it is of, by its place in the mesh's list.
 std::vector<int> SceneBuilder::part_of_nodes() const {
-  std::vector<int> part(static_cast<size_t>(mesh_.node_count()), 0);
+  std::vector<int> part(static_cast<size_t>(mesh_.node_count()), 0);  // 0 too for nodes that carry grounds
   for (size_t k = 0; k < mesh_.parts.size(); ++k)
     std::fill_n(part.begin() + mesh_.parts[k].first_node, mesh_.parts[k].node_count, static_cast<int>(k));
   return part;
@@ -436,7 +446,7 @@ const AnyContact& SceneBuilder::add_surface(AnySettings settings, double gap,
     patch.radius = joined.radius = overlap_at_rest(mesh_, *contact, patch, gap) + 2 * gap;
   }
   if (!joined_.empty()) contact = std::make_unique<AnyContact>(mesh_, settings);
-  check_rest(*contact, mesh_.X.size(), gap);
+  check_rest(*contact, mesh_, gap);
   const AnyContact& added = *contact;
   terms_.push_back(std::move(contact));
   return added;
@@ -466,14 +476,17 @@ const Contact3d& SceneBuilder::add_contact_3d(double gap, const std::map<std::st
 }
 
 template <class AnyContact>
-void SceneBuilder::add_contact_friction(const AnyContact& contact, double coefficient) {
+const SidedTerm& SceneBuilder::add_contact_friction(const AnyContact& contact, double coefficient) {
   const int mu =
       declare({"contact_friction", "mu", "1", 0, 10, "coefficient of friction of what touches"}, coefficient);
   const Params p = Eigen::Map<const Eigen::VectorXd>(values_.data(), static_cast<Eigen::Index>(values_.size()));
-  terms_.push_back(make_contact_friction(contact, mu, p));
+  std::unique_ptr<SidedTerm> friction = make_contact_friction(contact, mu, p);
+  const SidedTerm& added = *friction;
+  terms_.push_back(std::move(friction));
+  return added;
 }
-template void SceneBuilder::add_contact_friction(const Contact&, double);
-template void SceneBuilder::add_contact_friction(const Contact3d&, double);
+template const SidedTerm& SceneBuilder::add_contact_friction(const Contact&, double);
+template const SidedTerm& SceneBuilder::add_contact_friction(const Contact3d&, double);
 
 /// Whether cables or studs to something else, or contact, may hold a part.
 bool SceneBuilder::may_be_held(const std::vector<int>& part, int which) const {
@@ -661,6 +674,7 @@ Scene SceneBuilder::build(FreeBodies free_bodies) {
   std::vector<Body> pieces = bodies();
   std::vector<Support> supports;
   for (const auto& [dof, s] : supports_) supports.push_back(s);
+  supports.insert(supports.end(), carried_.begin(), carried_.end());
   Scene scene;
   scene.values = Eigen::Map<const Eigen::VectorXd>(values_.data(), static_cast<Eigen::Index>(values_.size()));
   scene.states = std::move(states_);

@@ -84,6 +84,8 @@ class SceneBuilder {
   void add_elastic_clamp(const std::string& tag, double rotation_stiffness);
   /// u[component] = p[control] on all nodes of a tag.
   void prescribe(const std::string& tag, int component, int control);
+  /// u = way p[control] at a node of no element, which carries a ground.
+  void carry(int node, const Eigen::VectorXd& way, int control);
 
   /// Dead load weights . u times the parameters at the table indices `factors`; negative ones do not count.
   void add_load(const Eigen::VectorXd& weights, std::vector<int> factors);
@@ -138,9 +140,10 @@ class SceneBuilder {
   const Contact3d& add_contact_3d(double gap, const std::map<std::string, double>& pressures,
                                   const std::vector<GroundPlane>& grounds = {});
 
-  /// Coulomb friction of such contact. Declares "contact_friction".
+  /// Coulomb friction of such contact. Declares "contact_friction". The term lives as long as the builder and its
+  /// scene.
   template <class AnyContact>
-  void add_contact_friction(const AnyContact& contact, double coefficient);
+  const SidedTerm& add_contact_friction(const AnyContact& contact, double coefficient);
   /// What joints between two parts connect.
   const std::vector<JoinedParts>& joined() const { return joined_; }
 
@@ -183,7 +186,8 @@ class SceneBuilder {
   std::vector<double> stiffness_;  ///< per region: its Young's modulus at small strain [Pa], 0 without a material
   std::vector<bool> rigid_;        ///< per region
   std::map<int, Support> supports_;
-  std::vector<int> clamped_;  ///< nodes of elastic clamps
+  std::vector<Support> carried_;  ///< of nodes of no element
+  std::vector<int> clamped_;      ///< nodes of elastic clamps
   /// Of each cable a node at each of its points, of each stud those that it holds; -1: fixed in the world.
   std::vector<std::vector<int>> ties_;
   bool touches_others_ = false;  ///< there is contact, with grounds, obstacles or other parts

@@ -140,10 +140,15 @@ struct LoadSettings {
   std::string column;                   ///< bench column of the control
 };
 
-/// A fixed straight line (2D) or plane with its admissible side: x is admissible when (x - point) . normal > 0.
+/// [[contact.ground]]: a rigid surface without a mesh, see Ground.
 struct GroundSettings {
   Eigen::VectorXd point;   ///< [m]
-  Eigen::VectorXd normal;  ///< unit length
+  Eigen::VectorXd normal;  ///< unit length; of a cylinder its axis, of a sphere nothing
+  GroundKind kind = GroundKind::plane;
+  double radius = 0;          ///< of what is round [m]
+  std::string name = {};      ///< for channels; "": none
+  std::string control = {};   ///< id of the control that moves it; "": it stays
+  Eigen::VectorXd move = {};  ///< its displacement per unit of that control
 };
 
 /// [contact]: on for push_puppet, elsewhere when the table is there.
@@ -159,6 +164,7 @@ struct SurfaceSettings {
   std::optional<double> stiffness;         ///< pair sums only [N/m]
   bool compensate = true;  ///< take the distance at which closed lips rest off their faces (push_puppet)
   std::vector<std::vector<Eigen::Vector2d>> obstacles;  ///< points of each line [m]
+  std::vector<std::string> obstacle_names;              ///< of each, for channels; "": none
   std::vector<GroundSettings> grounds;
 };
 
@@ -173,6 +179,7 @@ struct ChannelSettings {
   std::vector<double> direction;
   std::optional<double> foot = {};  ///< arc length of a marker's foot on the axis [m]; it turns with the section there
   std::string marker = {};          ///< the marker whose coordinate it is
+  std::string by = {};              ///< of a contact force: what exerts it, a body, an obstacle or a ground
 };
 
 /// Everything physical that a file describes, as plain data in SI units: what build_scene() makes a model of.

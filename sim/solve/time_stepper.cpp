@@ -97,6 +97,7 @@ void TimeStepper::remember_start() {
 void TimeStepper::forget_derivatives() {
   du_ = dv_ = dreference_ = Eigen::MatrixXd::Zero(model_->unknowns(), tracked_);
   dmemory_ = Eigen::MatrixXd::Zero(model_->memory_size(), tracked_);
+  dmemory_before_.resize(0, 0);
 }
 
 /// Where the search begins: moved on with the present velocity, as far as nothing is in the way and elements bear it.
@@ -189,7 +190,7 @@ void TimeStepper::follow_derivatives(bool two_steps) {
   Eigen::MatrixXd du = minimiser_.response(dp, std::move(force));
   Eigen::MatrixXd dv = rate[0] * du + rate[1] * du_;
   if (two_steps) dv += rate[2] * du_before_;
-  dmemory_ = model_->remember_change(at, du, dp, dmemory_);
+  dmemory_before_ = std::exchange(dmemory_, model_->remember_change(at, du, dp, dmemory_));
   du_before_ = std::exchange(du_, std::move(du));
   dv_before_ = std::exchange(dv_, std::move(dv));
 }

@@ -79,9 +79,10 @@ class TimeStepper {
   /// those given to start() (velocities: from zero); `derivative` gives dp/dtheta (parameters x count) at a time. They
   /// are those of the accepted steps, whose lengths count as given.
   void track(int count, std::function<Eigen::MatrixXd(double t)> derivative);
-  const Eigen::MatrixXd& du() const { return du_; }                  ///< du/dtheta, (unknowns x count)
-  const Eigen::MatrixXd& dv() const { return dv_; }                  ///< dv/dtheta, (unknowns x count)
-  const Eigen::MatrixXd& dreference() const { return dreference_; }  ///< of last().step.reference; zero at the start
+  const Eigen::MatrixXd& du() const { return du_; }                   ///< du/dtheta, (unknowns x count)
+  const Eigen::MatrixXd& dv() const { return dv_; }                   ///< dv/dtheta, (unknowns x count)
+  const Eigen::MatrixXd& dreference() const { return dreference_; }   ///< of last().step.reference; zero at the start
+  const Eigen::MatrixXd& dmemory() const { return dmemory_before_; }  ///< of last().step.memory; empty at the start
 
  private:
   Eigen::VectorXd predicted(double h, const Params& p, const TimeStep& step) const;
@@ -101,7 +102,7 @@ class TimeStepper {
   int tracked_ = 0;
   Eigen::MatrixXd du_, dv_, du_before_, dv_before_, dreference_;
   Eigen::VectorXd memory_;  ///< Model::remember() at now_
-  Eigen::MatrixXd dmemory_;
+  Eigen::MatrixXd dmemory_, dmemory_before_;
 };
 
 /// Derivatives of a number of a trajectory.

@@ -201,6 +201,30 @@ TEST(Animation, AnObstacleFarAwayDoesNotWidenTheWindowAndANearGroundIsInIt) {
   EXPECT_EQ(bounds.upper[1], bodies.upper[1]);
 }
 
+TEST(Surface, ARoundGroundThatMovesIsDrawnWhereItIsInEachFrame) {
+  for (const bool in_space : {false, true}) {
+    SimulationRecord record = in_space ? twisted_column(3) : bending_beam(3);
+    const int d = in_space ? 3 : 2;
+    const Eigen::VectorXd middle = Eigen::VectorXd::Constant(d, 0.01), way = Eigen::VectorXd::Unit(d, d - 1) * 0.004;
+    record.grounds = {{middle, Eigen::VectorXd::Unit(d, d - 1), GroundKind::sphere, 0.003, {0 * way, way, 2 * way}}};
+    const plot::Bounds bounds = plot::bounds_of(record);
+    EXPECT_TRUE(plot::grounds_move(record));
+    const auto first = plot::ground_strokes(record, bounds, 0), last = plot::ground_strokes(record, bounds, 2);
+    ASSERT_EQ(first.size(), last.size());
+    double farthest = 0;
+    for (size_t i = 0; i < first.size(); ++i) {
+      EXPECT_NEAR((last[i].first - first[i].first - 2 * way).norm(), 0, 1e-15);
+      EXPECT_NEAR((first[i].first - middle).norm(), 0.003, 1e-15) << "strokes begin on its surface";
+      farthest = std::max(farthest, (first[i].second - middle).norm());
+    }
+    EXPECT_NEAR(farthest, 0.003, 1e-15);
+    const Json drawn = Json::parse(animation_json(record));
+    EXPECT_EQ(drawn["round"].size(), 3u);
+    record.grounds[0].moved.clear();
+    EXPECT_EQ(Json::parse(animation_json(record))["round"].size(), 1u);
+  }
+}
+
 TEST(Surface, ChosenFramesAreEvenAndHoldFirstAndLast) {
   EXPECT_EQ(plot::evenly_chosen(3, 6), (std::vector<size_t>{0, 1, 2}));
   EXPECT_EQ(plot::evenly_chosen(11, 6), (std::vector<size_t>{0, 2, 4, 6, 8, 10}));

@@ -296,10 +296,10 @@ TEST(ContactFriction, TheStickZoneOfARoundPunchIsThatOfCattaneoAndMindlin) {
         << equilibrium.report().message();
     step.memory = model.remember({equilibrium.u(), p, &step});
   };
-  // Per vertex: feature + 1, caught point, force; then the same of a second side.
+  // Per vertex: feature + 1, caught place (x, y), force; then the same of a second side.
   const auto pressed = [&] {
     double sum = 0;
-    for (Eigen::Index i = 0; i < step.memory.size(); i += 6) sum += step.memory[i + 2];
+    for (Eigen::Index i = 0; i < step.memory.size(); i += 8) sum += step.memory[i + 3];
     return sum;
   };
   // Without friction at first: on a rigid ground a body that spreads as it is pressed would be caught spreading.
@@ -327,7 +327,7 @@ TEST(ContactFriction, TheStickZoneOfARoundPunchIsThatOfCattaneoAndMindlin) {
   ASSERT_LT(Q / (mu * P), 0.95);
   // The outermost node of those that are caught where they were before it was dragged.
   double stick = 0;
-  for (Eigen::Index i = 0; i < step.memory.size(); i += 6) {
+  for (Eigen::Index i = 0; i < step.memory.size(); i += 8) {
     const bool is_caught = step.memory[i] != 0 && std::abs(step.memory[i + 1] - caught[i + 1]) < 1e-9;
     if (is_caught) stick = std::max(stick, std::abs(step.memory[i + 1]));
   }

@@ -24,17 +24,22 @@ struct Hertz {
   SolveReport report;
 };
 
-/// Half of a cylinder by symmetry, cut off 60 degrees from its lowest line and at its axis, pressed down by `depth`.
-/// Linear elements: the nodal forces of quadratic ones alternate under an even pressure (1/6 and 4/6 of an edge), while
-/// the barrier's weights are lengths.
-Hertz press(double depth, double gap, int cells) {
+/// Which side is round and elastic, and which is rigid.
+enum class Pressed { cylinder_on_plane, block_on_disc };
+
+/// Half of a cylinder, or of a block, by symmetry. The cylinder is cut off 60 degrees from its lowest line and at its
+/// axis, pressed down by `depth`. Linear elements: the nodal forces of quadratic ones alternate under an even pressure
+/// (1/6 and 4/6 of an edge), while the barrier's weights are lengths.
+Hertz press(double depth, double gap, int cells, Pressed which = Pressed::cylinder_on_plane) {
   Mesh mesh = rectangle(graded(1, cells, 12), graded(1, 2 * cells / 3, 60), 1, "cylinder");
-  map_vertices(mesh, [](const Eigen::VectorXd& s) -> Eigen::VectorXd {
+  map_vertices(mesh, [which](const Eigen::VectorXd& s) -> Eigen::VectorXd {
+    if (which == Pressed::block_on_disc) return radius * Eigen::Vector2d(s);
     const double angle = s[0] * pi / 3, bottom = radius * (1 - std::cos(angle));
     return Eigen::Vector2d(radius * std::sin(angle), bottom + s[1] * (radius - bottom));
   });
   const double kappa = 3000;  // about p0, which then rests half a gap above the plane
-  const std::vector<GroundLine> plane{{{0, -1.2 * gap}, {0, 1}}};
+  std::vector<GroundLine> plane{{{0, -1.2 * gap}, {0, 1}}};
+  if (which == Pressed::block_on_disc) plane = {{{0, -radius - 1.2 * gap}, {0, 1}, GroundKind::sphere, radius}};
   SceneBuilder builder(mesh, Plane::strain, 1.0);
   builder.add_solid("cylinder", "neo_hookean", {{"E", E_cylinder}, {"nu", nu_cylinder}});
   builder.fix("xmin", {0});
@@ -103,6 +108,17 @@ TEST(Hertz, HalfWidthAndPeakPressureOfACylinderOnAPlaneAreTheClosedFormWithinTwo
     EXPECT_NEAR(found.peak_pressure, p0, 0.02 * p0);
     EXPECT_LT(found.worst, 0.02);
   }
+}
+
+TEST(Hertz, ARigidDiscPressesIntoABlockAsTheClosedFormSaysWithinTwoPercent) {
+  const double modulus = E_cylinder / (1 - nu_cylinder * nu_cylinder);
+  const Hertz found = press(100e-6, 1e-6, 96, Pressed::block_on_disc);
+  ASSERT_EQ(found.report.status, SolveStatus::converged) << found.report.message();
+  const double a = std::sqrt(4 * found.force * radius / (pi * modulus)),
+               p0 = std::sqrt(found.force * modulus / (pi * radius));
+  EXPECT_NEAR(found.half_width, a, 0.02 * a);
+  EXPECT_NEAR(found.peak_pressure, p0, 0.02 * p0);
+  EXPECT_LT(found.worst, 0.02);
 }
 
 }  // namespace
