@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <boost/program_options.hpp>
 #include <cmath>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "calib/data/files.hpp"
@@ -121,22 +122,6 @@ void add_frames(int count, const SimulationResult& result, SimulationRecord& rec
   }
 }
 
-SimulationRecord make_record(const Simulation& simulation, const Robot& robot, const SimulationResult& result,
-                             const CommandOptions& options) {
-  SimulationRecord record = start_simulation_record(simulation, robot, options);
-  record.samples = result.times;
-  for (size_t k = 0; k < record.controls.size(); ++k) record.controls[k].values = result.controls[k];
-  for (size_t k = 0; k < record.channels.size(); ++k) record.channels[k].values = result.readings[k];
-  if (simulation.method != SimulationMethod::quasi_static) {
-    record.channels.push_back({"kinetic_energy", "J", "kinetic energy", result.kinetic});
-    record.channels.push_back({"potential_energy", "J", "potential energy", result.potential});
-  }
-  add_frames(simulation.frames, result, record);
-  for (const RobotPlot& plot : simulation.plots) record.plots.push_back({plot.id, plot.title, plot.x, plot.y});
-  add_facts(simulation, robot, result, record);
-  return record;
-}
-
 nlohmann::ordered_json summary_json(const SimulationRecord& record) {
   nlohmann::ordered_json json;
   json["title"] = record.title;
@@ -198,7 +183,7 @@ void add_sensitivity_facts(const Robot& robot, const SimulationSensitivities& wa
     record.facts.emplace_back("sensitivities",
                               fmt::format("of {} channels with respect to {} parameters at {} times: sensitivities.csv",
                                           robot.readings.size(), wanted.parameters.size(), result.derivatives.size()));
-  if (wanted.goal && !result.goal_sample)
+  if (!wanted.goals.empty() && result.goal_samples.empty())
     record.facts.emplace_back("gradient", "none: the run ended before the goal's time");
 }
 
@@ -227,7 +212,7 @@ int simulate_main(const CommandOptions& options) {
     fmt::print(stderr, "taut: {}: {}\n", simulation.path, result.failure);
     return result.interrupted ? exit_interrupted : exit_solve;
   }
-  SimulationRecord record = make_record(simulation, robot, result, options);
+  SimulationRecord record = make_simulation_record(simulation, robot, result, options);
   const SimulationSensitivities& wanted = simulate_options.sensitivities;
   add_sensitivity_facts(robot, wanted, result, record);
   if (simulation.workspace && result.failure.empty()) add_workspaces(simulation, robot, options, progress, record);
@@ -287,6 +272,32 @@ SimulationRecord start_simulation_record(const Simulation& simulation, const Rob
   record.version = fmt::format("{} ({})", version(), commit());
   record.experiment_text = read_file(simulation.path);
   return record;
+}
+
+SimulationRecord make_simulation_record(const Simulation& simulation, const Robot& robot,
+                                        const SimulationResult& result, const CommandOptions& options) {
+  SimulationRecord record = start_simulation_record(simulation, robot, options);
+  record.samples = result.times;
+  for (size_t k = 0; k < record.controls.size(); ++k) record.controls[k].values = result.controls[k];
+  for (size_t k = 0; k < record.channels.size(); ++k) record.channels[k].values = result.readings[k];
+  if (simulation.method != SimulationMethod::quasi_static) {
+    record.channels.push_back({"kinetic_energy", "J", "kinetic energy", result.kinetic});
+    record.channels.push_back({"potential_energy", "J", "potential energy", result.potential});
+  }
+  add_frames(simulation.frames, result, record);
+  for (const RobotPlot& plot : simulation.plots) record.plots.push_back({plot.id, plot.title, plot.x, plot.y});
+  add_facts(simulation, robot, result, record);
+  return record;
+}
+
+std::string folder_beside_simulation(const CommandOptions& options, std::string_view name, std::string_view suffix) {
+  namespace fs = std::filesystem;
+  const fs::path folder = run_folder(options);
+  std::error_code missing;
+  const bool simulated = std::any_of(fs::directory_iterator(folder, missing), {}, [&](const fs::directory_entry& file) {
+    return file.path().extension() == ".pvd" && !file.path().stem().string().ends_with(suffix);
+  });
+  return (simulated ? folder / name : folder).string();
 }
 
 int check_simulation(const CommandOptions& options) {

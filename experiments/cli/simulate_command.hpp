@@ -2,7 +2,7 @@
 #include "calib/data/run_folder.hpp"
 #include "experiments/cli/commands.hpp"
 #include "reports/simulation_record.hpp"
-#include "sim/robots/robot.hpp"
+#include "sim/robots/simulate.hpp"
 
 // What commands on simulations share.
 namespace taut {
@@ -11,6 +11,14 @@ namespace taut {
 /// it comes from.
 SimulationRecord start_simulation_record(const Simulation& simulation, const Robot& robot,
                                          const CommandOptions& options);
+
+/// All that a run found, with what an independent test says of its states.
+SimulationRecord make_simulation_record(const Simulation& simulation, const Robot& robot,
+                                        const SimulationResult& result, const CommandOptions& options);
+
+/// The run folder of a command whose record's name ends in `suffix`; where another simulation stands there, `name` in
+/// it.
+std::string folder_beside_simulation(const CommandOptions& options, std::string_view name, std::string_view suffix);
 
 /// Writes a record, and puts it with what else stands in folder.next() in the old run's place; where its figures fail,
 /// all else takes its place first. `stopped`: parts are missing.

@@ -1,0 +1,131 @@
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "tests/support/command.hpp"
+#include "tests/support/small_robot.hpp"
+
+// `taut optimise`: what it says and writes.
+namespace taut {
+namespace {
+
+using namespace test;
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+/// The small robot with its block held; its controls shall bring the tip somewhere.
+const std::string goal_toml =
+    replaced(replaced(robot_toml, "velocity = [\"0 m/s\", \"-0.5 m/s\"]", "clamped = [\"ymin\"]"),
+             "until = \"40 ms\"\nkind = \"linear\"\nto = \"20 deg\"",
+             "until = \"20 ms\"\nto = \"10 deg\"\n[[control.piece]]\nuntil = \"40 ms\"\nto = \"20 deg\"") +
+    R"(
+[optimise]
+iterations = 12
+[optimise.control.pull]
+lower = "0 mm"
+upper = "6 mm"
+[optimise.control.motor]
+lower = "-40 deg"
+upper = "40 deg"
+change = "40 deg"
+[[optimise.goal]]
+channel = "tip_y"
+aim = "reach"
+value = "25 mm"
+scale = "1 mm"
+)";
+
+TEST(OptimiseCommand, WritesAFileThatSimulateReplaysToTheSameGoal) {
+  const TemporaryFolder folder;
+  folder.write("robot.toml", goal_toml);
+  const Outcome run = run_in(folder / "", {"optimise", "robot.toml", "--json"});
+  ASSERT_TRUE(run.code == 0 || run.code == 4) << run.err;
+  expect_holds(run.err, {"iteration 0: objective", "iteration 1: objective", "gradient", "found.toml"});
+  const json found = json::parse(run.out);
+  EXPECT_EQ(found["simulated"], true);
+  EXPECT_LT(found["objective"]["found"], 0.5 * found["objective"]["before"].get<double>());
+  const json& goal = found["goals"][0];
+  EXPECT_EQ(goal["aim"], "reach");
+  EXPECT_EQ(goal["wanted"], 0.025);
+  const double miss = (goal["found"].get<double>() - 0.025) / 1e-3;
+  EXPECT_NEAR(found["objective"]["found"].get<double>() - found["objective"]["effort"].get<double>(), miss * miss,
+              1e-9 + 1e-9 * miss * miss);
+  EXPECT_EQ(found["controls"]["motor"]["until_s"], json({0.02, 0.04}));
+  EXPECT_EQ(found["controls"]["motor"]["unit"], "rad");
+  EXPECT_EQ(found["iterations"].front()["iteration"], 0);
+  for (size_t k = 1; k < found["iterations"].size(); ++k)
+    EXPECT_LE(found["iterations"][k]["objective"], found["iterations"][k - 1]["objective"]);
+
+  const fs::path made = folder / "runs/robot";
+  for (const char* file : {"found.toml", "search.csv", "channels.csv", "report.html", "robot_optimised.pvd",
+                           "figures/motor_optimised.svg", "figures/pull_optimised.svg"})
+    EXPECT_TRUE(fs::exists(made / file)) << file;
+  const Outcome replay = done_in(folder / "", {"simulate", "runs/robot/found.toml", "--json", "-q"});
+  const double end = json::parse(replay.out)["channels"]["tip_y"]["end"];
+  EXPECT_NEAR(end, goal["found"].get<double>(), 1e-9 * std::abs(end));
+  EXPECT_NE(end, json::parse(
+                     done_in(folder / "", {"simulate", "robot.toml", "--json", "-q"}).out)["channels"]["tip_y"]["end"]);
+
+  // Beside a simulation, and on from what was found.
+  const Outcome again = run_in(folder / "", {"optimise", "runs/robot/found.toml", "--out", "runs/found", "-q"});
+  EXPECT_TRUE(again.code == 0 || again.code == 4) << again.err;
+  expect_holds(again.out, {"trajectory optimisation of a simulation", "reach 25 mm tip_y at 40 ms", "motor", "before"});
+  EXPECT_TRUE(fs::exists(folder / "runs/found/optimise/found.toml"));
+}
+
+TEST(OptimiseCommand, AnInterruptedSearchWritesTheBestSoFar) {
+  const TemporaryFolder folder;
+  folder.write("robot.toml", replaced(replaced(goal_toml, "iterations = 12", "iterations = 1000\ntolerance = 1e-15"),
+                                      "step = \"2 ms\"", "step = \"0.1 ms\""));
+  const auto interrupted = [&] {
+    const pid_t child = start({"optimise", "robot.toml"}, folder / "");
+    wait_until_said(child, folder / "", "iteration 2:");
+    kill(child, SIGINT);
+    return finish(child, folder / "");
+  };
+  const Outcome first = interrupted();
+  EXPECT_EQ(first.code, 130) << first.err;
+  expect_holds(first.out, {"interrupted after", "best so far is kept"});
+  EXPECT_TRUE(fs::exists(folder / "runs/robot/found.toml"));
+  // A finished run stays, and the best of an interrupted one lies beside it.
+  folder.write("robot.toml", goal_toml);
+  const Outcome whole = run_in(folder / "", {"optimise", "robot.toml", "-q"});
+  ASSERT_TRUE(whole.code == 0 || whole.code == 4) << whole.err;
+  const std::string before = text_of(folder / "runs/robot/found.toml");
+  folder.write("robot.toml", replaced(goal_toml, "step = \"2 ms\"", "step = \"0.1 ms\""));
+  const Outcome second = interrupted();
+  EXPECT_EQ(second.code, 130) << second.err;
+  expect_holds(second.err, {"finished run in runs/robot stays", "best_so_far.toml"});
+  EXPECT_EQ(text_of(folder / "runs/robot/found.toml"), before);
+  EXPECT_NE(text_of(folder / "runs/robot/best_so_far.toml"), text_of(folder / "robot.toml"));
+}
+
+TEST(OptimiseCommand, WrongInputIsASentenceAndExitCodeTwo) {
+  const TemporaryFolder folder;
+  const auto refused = [&](const std::string& toml, const std::vector<std::string>& parts) {
+    folder.write("robot.toml", toml);
+    const Outcome run = run_in(folder / "", {"optimise", "robot.toml", "-q"});
+    EXPECT_EQ(run.code, 2) << run.out;
+    expect_holds(run.err, parts);
+    EXPECT_EQ(std::count(run.err.begin(), run.err.end(), '\n'), 1) << run.err;
+  };
+  refused(robot_toml, {"robot.toml", "there is no [optimise]", "[[optimise.goal]]"});
+  refused(replaced(goal_toml, "channel = \"tip_y\"\naim = \"reach\"\nvalue = \"25 mm\"\nscale = \"1 mm\"",
+                   "channel = \"block_height\""),
+          {"no free control moves a goal"});
+  refused(beam_toml, {"there is no [simulation]"});
+}
+
+TEST(OptimiseCommand, ASimulationThatFailsFromTheStartIsExitCodeThree) {
+  const TemporaryFolder folder;
+  folder.write("robot.toml", replaced(goal_toml, "integrator = \"implicit_euler\"",
+                                      "integrator = \"implicit_euler\"\nmax_iterations = 1"));
+  const Outcome run = run_in(folder / "", {"optimise", "robot.toml", "-q"});
+  EXPECT_EQ(run.code, 3) << run.out;
+  expect_holds(run.err, {"robot.toml", "the file's own controls fails", "start from controls"});
+}
+
+}  // namespace
+}  // namespace taut
