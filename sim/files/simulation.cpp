@@ -360,7 +360,7 @@ OptimiseGoal read_optimise_goal(TableReader& one, const Simulation& simulation) 
   OptimiseGoal goal;
   goal.channel = known_id(one, "channel", ids_of(simulation.channels), "a [[channel]]");
   const ChannelKind& kind = *std::ranges::find(simulation.channels, goal.channel, &ChannelSettings::id)->kind;
-  if (kind.make == nullptr)
+  if (kind.known == ChannelKind::Known::in_steps)
     one.fail("channel", fmt::format("'{}' is a {}, which depends on several states and can be no goal; take a channel "
                                     "of another kind",
                                     goal.channel, kind.name));

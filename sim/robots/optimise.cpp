@@ -323,9 +323,9 @@ OptimiseResult optimise(const Simulation& simulation, const Robot& robot, const 
   options.callbacks.push_back(&tell);
   ceres::GradientProblemSolver::Summary summary;
   ceres::Solve(options, problem, q.data(), &summary);
-  if (result.iterations.empty() || result.value.objective < result.iterations.back().objective)  // the last one
-    tell.add({result.iterations.empty() ? 0 : result.iterations.back().iteration + 1, result.value.objective,
-              function->gradient_norm(), result.simulations});
+  if (summary.termination_type == ceres::CONVERGENCE && result.value.objective < result.iterations.back().objective)
+    tell.add({result.iterations.back().iteration + 1, result.value.objective, function->gradient_norm(),
+              result.simulations});  // Ceres does not tell of the last one
   conclude(summary, stopped(), result);
   for (size_t j = 0; j < result.bound.size(); ++j) {
     const ControlObjective::Target& target = objective.targets()[j];

@@ -201,15 +201,15 @@ TEST(Optimise, TheLeastEffortThatMovesAMassIsThatOfTheNormalEquations) {
       response[static_cast<Eigen::Index>(j) - 1] += h * h / mass * (50 - k + 1) * std::max(0.0, std::min(rise, fall));
     }
   }
-  Eigen::MatrixXd differences = Eigen::MatrixXd::Identity(4, 4);
-  for (Eigen::Index j = 1; j < 4; ++j) differences(j, j - 1) = -1;
-  const Eigen::VectorXd a = response / 0.01;
-  const Eigen::MatrixXd normal = a * a.transpose() + 100 * differences.transpose() * differences;
-  const Eigen::VectorXd best = normal.ldlt().solve(a * (0.03 / 0.01));
+  // (a a^T + 100 D^T D) x = 3 a with the differences D, whose inverse sums up; by Sherman and Morrison.
+  Eigen::MatrixXd sums = Eigen::MatrixXd::Zero(4, 4);
+  for (Eigen::Index i = 0; i < 4; ++i) sums.row(i).head(i + 1).setOnes();
+  const Eigen::VectorXd a = response / 0.01, softest = sums * (sums.transpose() * a) / 100;
+  const Eigen::VectorXd best = 3 * softest / (1 + a.dot(softest));
   ASSERT_GT(best.maxCoeff(), 0.1);
   EXPECT_TRUE(result.status == OptimiseStatus::converged || result.status == OptimiseStatus::stalled) << result.message;
   for (Eigen::Index j = 0; j < 4; ++j) EXPECT_NEAR(result.found[j], best[j], 1e-4 * best.maxCoeff()) << j;
-  const double miss = a.dot(best) - 3, effort = 100 * (differences * best).squaredNorm();
+  const double miss = a.dot(best) - 3, effort = 3 * 3 * a.dot(softest) / std::pow(1 + a.dot(softest), 2);
   EXPECT_NEAR(result.value.objective, miss * miss + effort, 1e-8);
   EXPECT_NEAR(result.value.effort, effort, 1e-3 * effort);
   EXPECT_LT(result.value.objective, 0.5 * result.before_value.objective);
@@ -231,16 +231,22 @@ TEST(Optimise, ABoundHoldsAndTheRestIsTheBestWithinIt) {
 }
 
 TEST(Optimise, ASimulationThatFailsCostsItsPointAndNotTheSearch) {
-  // So strong a push folds the block.
-  std::string toml = replaced(free_mass, "lower = \"-1 N\"\nupper = \"1 N\"", "lower = \"-900 N\"\nupper = \"900 N\"");
-  toml = replaced(toml, "aim = \"reach\"\nvalue = \"30 mm\"\n", "aim = \"maximise\"\n");
-  toml = replaced(toml, "change = \"0.1 N\"\n", "");
-  const Made made(replaced(toml, "iterations = 300", "iterations = 5"));
-  const OptimiseResult result = optimise(made.simulation, made.robot);
-  EXPECT_GT(result.failed, 0);
-  EXPECT_GT(result.value.goals.at(0), result.before_value.goals.at(0));
-  EXPECT_GT(result.value.run.smallest_jacobian, 0);
-  EXPECT_NE(result.message.find("simulations failed"), std::string::npos) << result.message;
+  // As low as the motor can bring the tip, through equilibria that too few Newton iterations may look for.
+  const auto lowest = [](int max_iterations) {
+    const Made made(replaced(resting(robot_toml), "\"implicit_euler\"",
+                             "\"static\"\nmax_iterations = " + std::to_string(max_iterations)) +
+                    "[optimise.control.motor]\nlower = \"-170 deg\"\nupper = \"170 deg\"\n[[optimise.goal]]\nchannel = "
+                    "\"tip_y\"\naim = \"minimise\"\n");
+    return optimise(made.simulation, made.robot);
+  };
+  const OptimiseResult poor = lowest(5), good = lowest(60);
+  EXPECT_GT(poor.failed, 0);
+  EXPECT_LT(poor.failed, poor.simulations);
+  EXPECT_NE(poor.message.find("simulations failed"), std::string::npos) << poor.message;
+  EXPECT_EQ(poor.value.run.failure, "");
+  EXPECT_EQ(good.failed, 0);
+  EXPECT_LT(good.value.objective, good.before_value.objective - 0.05);
+  EXPECT_NEAR(poor.value.objective, good.value.objective, 1e-6);
 }
 
 TEST(Optimise, AnInterruptedSearchKeepsTheBestSoFar) {
@@ -319,7 +325,7 @@ TEST(SimulationText, ReadAgainGivesTheSchedulesToTheLastBitAndAllElseAsItStood) 
   for (size_t i = 0; i < pieces.size(); ++i) moved.schedules[0].set_target(pieces[i], targets[i]);
   const std::string text = text_with_schedules(moved);
   const TemporaryFolder folder;
-  const Simulation again = read_simulation(folder.write("again.toml", text));
+  const Simulation again = read_simulation(folder.write("again.toml", text.substr(0, text.find("[optimise]"))));
   for (size_t i = 0; i < pieces.size(); ++i)
     EXPECT_EQ(again.schedules[0].pieces()[pieces[i]].target, targets[i]) << text;
   EXPECT_NE(text.find("mN\" }, # größer, später\n"), std::string::npos) << "units and comments stay: " << text;
