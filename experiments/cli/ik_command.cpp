@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <boost/program_options.hpp>
+#include <filesystem>
 #include <limits>
 #include <nlohmann/json.hpp>
 
@@ -182,6 +183,17 @@ std::vector<const IkTarget*> targets_of(const CommandOptions& options, const Sim
   return targets;
 }
 
+/// The poses go to the run folder; where a simulation stands there, beside it.
+std::string ik_folder(const CommandOptions& options) {
+  namespace fs = std::filesystem;
+  const fs::path folder = run_folder(options);
+  std::error_code missing;
+  const bool simulated = std::any_of(fs::directory_iterator(folder, missing), {}, [](const fs::directory_entry& file) {
+    return file.path().extension() == ".pvd" && !file.path().stem().string().ends_with(poses_suffix);
+  });
+  return (simulated ? folder / "ik" : folder).string();
+}
+
 /// Solves the targets and paths of [ik], one after the other: a table on stdout; ik.csv, states, a strip of the poses
 /// and report.html in a run folder. Exit code 3 when a search failed; a target out of reach is an answer.
 int ik_main(const CommandOptions& options) {
@@ -191,7 +203,7 @@ int ik_main(const CommandOptions& options) {
   if (options.stream) return stream_targets(simulation, options);
   Progress progress(options.quiet);
   const Robot robot = make_robot(simulation);
-  RunFolder folder(folder_beside_simulation(options, "ik", poses_suffix), RunFolder::Kind::simulation);
+  RunFolder folder(ik_folder(options), RunFolder::Kind::simulation);
   std::vector<Solved> all;
   bool failed = false;
   for (const IkTarget* target : targets) {

@@ -176,7 +176,8 @@ std::string search_csv(const OptimiseResult& result) {
 }
 
 /// Looks for the controls of [optimise]: iterations on stderr, a table on stdout; found.toml, which `taut simulate`
-/// runs, search.csv and the files of its simulation in a run folder. Exit code 4 when the iterations were not enough.
+/// runs, search.csv and the files of its simulation in optimise/ of a run folder. Exit code 4 when the iterations were
+/// not enough.
 int optimise_main(const CommandOptions& options) {
   if (!is_simulation(options.target))
     throw InputError(
@@ -188,7 +189,8 @@ int optimise_main(const CommandOptions& options) {
                     options.target));
   Progress progress(options.quiet);
   const Robot robot = make_robot(simulation);
-  RunFolder folder(folder_beside_simulation(options, "optimise", optimised_suffix), RunFolder::Kind::simulation);
+  // A folder of its own, so that `taut simulate` of the same file does not replace what a search has found.
+  RunFolder folder(run_folder(options) + "/optimise", RunFolder::Kind::simulation);
   progress.say(fmt::format("{}: {} unknowns", simulation.title, robot.scene.model->free_unknowns()));
   const OptimiseResult result = optimise(simulation, robot, options.stop, [&](const OptimiseIteration& one) {
     progress.say(fmt::format("iteration {}: objective {:.6g}, gradient {:.2e}, {} simulations", one.iteration,
@@ -221,7 +223,7 @@ int optimise_main(const CommandOptions& options) {
 }
 
 void add_optimise_options(AddOption add, CommandOptions& options) {
-  add_out(add, options);
+  add_out(add, options, "run folder, in which all goes to optimise/; default: runs/<name of the experiment's folder>");
 }
 
 }  // namespace

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <boost/program_options.hpp>
 #include <cmath>
-#include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "calib/data/files.hpp"
@@ -288,16 +287,6 @@ SimulationRecord make_simulation_record(const Simulation& simulation, const Robo
   for (const RobotPlot& plot : simulation.plots) record.plots.push_back({plot.id, plot.title, plot.x, plot.y});
   add_facts(simulation, robot, result, record);
   return record;
-}
-
-std::string folder_beside_simulation(const CommandOptions& options, std::string_view name, std::string_view suffix) {
-  namespace fs = std::filesystem;
-  const fs::path folder = run_folder(options);
-  std::error_code missing;
-  const bool simulated = std::any_of(fs::directory_iterator(folder, missing), {}, [&](const fs::directory_entry& file) {
-    return file.path().extension() == ".pvd" && !file.path().stem().string().ends_with(suffix);
-  });
-  return (simulated ? folder / name : folder).string();
 }
 
 int check_simulation(const CommandOptions& options) {

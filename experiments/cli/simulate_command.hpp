@@ -16,10 +16,6 @@ SimulationRecord start_simulation_record(const Simulation& simulation, const Rob
 SimulationRecord make_simulation_record(const Simulation& simulation, const Robot& robot,
                                         const SimulationResult& result, const CommandOptions& options);
 
-/// The run folder of a command whose record's name ends in `suffix`; where another simulation stands there, `name` in
-/// it.
-std::string folder_beside_simulation(const CommandOptions& options, std::string_view name, std::string_view suffix);
-
 /// Writes a record, and puts it with what else stands in folder.next() in the old run's place; where its figures fail,
 /// all else takes its place first. `stopped`: parts are missing.
 void publish(const SimulationRecord& record, RunFolder& folder, bool stopped);

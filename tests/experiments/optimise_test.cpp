@@ -58,21 +58,21 @@ TEST(OptimiseCommand, WritesAFileThatSimulateReplaysToTheSameGoal) {
   for (size_t k = 1; k < found["iterations"].size(); ++k)
     EXPECT_LE(found["iterations"][k]["objective"], found["iterations"][k - 1]["objective"]);
 
-  const fs::path made = folder / "runs/robot";
+  const fs::path made = folder / "runs/robot/optimise";
   for (const char* file : {"found.toml", "search.csv", "channels.csv", "report.html", "robot_optimised.pvd",
                            "figures/motor_optimised.svg", "figures/pull_optimised.svg"})
     EXPECT_TRUE(fs::exists(made / file)) << file;
-  const Outcome replay = done_in(folder / "", {"simulate", "runs/robot/found.toml", "--json", "-q"});
+  const Outcome replay = done_in(folder / "", {"simulate", "runs/robot/optimise/found.toml", "--json", "-q"});
   const double end = json::parse(replay.out)["channels"]["tip_y"]["end"];
   EXPECT_NEAR(end, goal["found"].get<double>(), 1e-9 * std::abs(end));
   EXPECT_NE(end, json::parse(
                      done_in(folder / "", {"simulate", "robot.toml", "--json", "-q"}).out)["channels"]["tip_y"]["end"]);
 
-  // Beside a simulation, and on from what was found.
-  const Outcome again = run_in(folder / "", {"optimise", "runs/robot/found.toml", "--out", "runs/found", "-q"});
+  // A simulation of the same file leaves it, and the search may go on from there.
+  const Outcome again = run_in(folder / "", {"optimise", "runs/robot/optimise/found.toml", "--out", "further", "-q"});
   EXPECT_TRUE(again.code == 0 || again.code == 4) << again.err;
   expect_holds(again.out, {"trajectory optimisation of a simulation", "reach 25 mm tip_y at 40 ms", "motor", "before"});
-  EXPECT_TRUE(fs::exists(folder / "runs/found/optimise/found.toml"));
+  EXPECT_TRUE(fs::exists(folder / "further/optimise/found.toml"));
 }
 
 TEST(OptimiseCommand, AnInterruptedSearchWritesTheBestSoFar) {
@@ -88,18 +88,18 @@ TEST(OptimiseCommand, AnInterruptedSearchWritesTheBestSoFar) {
   const Outcome first = interrupted();
   EXPECT_EQ(first.code, 130) << first.err;
   expect_holds(first.out, {"interrupted after", "best so far is kept"});
-  EXPECT_TRUE(fs::exists(folder / "runs/robot/found.toml"));
+  EXPECT_TRUE(fs::exists(folder / "runs/robot/optimise/found.toml"));
   // A finished run stays, and the best of an interrupted one lies beside it.
   folder.write("robot.toml", goal_toml);
   const Outcome whole = run_in(folder / "", {"optimise", "robot.toml", "-q"});
   ASSERT_TRUE(whole.code == 0 || whole.code == 4) << whole.err;
-  const std::string before = text_of(folder / "runs/robot/found.toml");
+  const std::string before = text_of(folder / "runs/robot/optimise/found.toml");
   folder.write("robot.toml", replaced(goal_toml, "step = \"2 ms\"", "step = \"0.1 ms\""));
   const Outcome second = interrupted();
   EXPECT_EQ(second.code, 130) << second.err;
-  expect_holds(second.err, {"finished run in runs/robot stays", "best_so_far.toml"});
-  EXPECT_EQ(text_of(folder / "runs/robot/found.toml"), before);
-  EXPECT_NE(text_of(folder / "runs/robot/best_so_far.toml"), text_of(folder / "robot.toml"));
+  expect_holds(second.err, {"finished run in runs/robot/optimise stays", "best_so_far.toml"});
+  EXPECT_EQ(text_of(folder / "runs/robot/optimise/found.toml"), before);
+  EXPECT_NE(text_of(folder / "runs/robot/optimise/best_so_far.toml"), text_of(folder / "robot.toml"));
 }
 
 TEST(OptimiseCommand, WrongInputIsASentenceAndExitCodeTwo) {
@@ -120,8 +120,13 @@ TEST(OptimiseCommand, WrongInputIsASentenceAndExitCodeTwo) {
 
 TEST(OptimiseCommand, ASimulationThatFailsFromTheStartIsExitCodeThree) {
   const TemporaryFolder folder;
-  folder.write("robot.toml", replaced(goal_toml, "integrator = \"implicit_euler\"",
-                                      "integrator = \"implicit_euler\"\nmax_iterations = 1"));
+  const std::string hopeless =
+      replaced(goal_toml, "integrator = \"implicit_euler\"", "integrator = \"static\"\nmax_iterations = 1");
+  folder.write("robot.toml",
+               replaced(hopeless,
+                        "[[channel]]\nid = \"block_force\"\nkind = \"net_force\"\nof = \"block\"\ndirection "
+                        "= [0, 1]\n\n",
+                        ""));
   const Outcome run = run_in(folder / "", {"optimise", "robot.toml", "-q"});
   EXPECT_EQ(run.code, 3) << run.out;
   expect_holds(run.err, {"robot.toml", "the file's own controls fails", "start from controls"});
