@@ -60,7 +60,7 @@ TEST(OptimiseCommand, WritesAFileThatSimulateReplaysToTheSameGoal) {
 
   const fs::path made = folder / "runs/robot/optimise";
   for (const char* file : {"found.toml", "search.csv", "channels.csv", "report.html", "robot_optimised.pvd",
-                           "figures/motor_optimised.svg", "figures/pull_optimised.svg"})
+                           "figures/plot_motor_optimised.svg", "figures/plot_pull_optimised.svg"})
     EXPECT_TRUE(fs::exists(made / file)) << file;
   const Outcome replay = done_in(folder / "", {"simulate", "runs/robot/optimise/found.toml", "--json", "-q"});
   const double end = json::parse(replay.out)["channels"]["tip_y"]["end"];
@@ -130,6 +130,31 @@ TEST(OptimiseCommand, ASimulationThatFailsFromTheStartIsExitCodeThree) {
   const Outcome run = run_in(folder / "", {"optimise", "robot.toml", "-q"});
   EXPECT_EQ(run.code, 3) << run.out;
   expect_holds(run.err, {"robot.toml", "the file's own controls fails", "start from controls"});
+}
+
+/// The shipped experiment; its result, and the tip's height when its file is simulated with half the step.
+TEST(SlowSwingUp, TheTipComesUpAsItsReadmeSaysAndANudgeToTheOtherSideGivesTheMirrorImage) {
+  const TemporaryFolder folder;
+  const std::string toml = text_of(TAUT_SOURCE_DIR "/experiments/swing_up/experiment.toml");
+  const auto optimised = [&](const std::string& name, const std::string& text) {
+    folder.write(name + ".toml", text);
+    return json::parse(done_in(folder / "", {"optimise", name + ".toml", "--json", "-q"}).out);
+  };
+  const json right = optimised("right", toml);
+  EXPECT_EQ(right["status"], "converged");
+  EXPECT_NEAR(right["goals"][0]["before"], -0.145, 2e-4);
+  EXPECT_NEAR(right["goals"][0]["found"], 0.0801, 1e-4);
+  const json left = optimised("left", replaced(replaced(toml, "to = \"5 deg\"", "to = \"-4 deg\""),
+                                               "s\", to = \"-5 deg\"", "s\", to = \"6 deg\""));
+  EXPECT_NEAR(left["goals"][0]["found"], right["goals"][0]["found"], 1e-6);
+  const json &one = right["controls"]["motor"]["found"], &other = left["controls"]["motor"]["found"];
+  ASSERT_EQ(one.size(), 8u);
+  for (size_t k = 0; k < one.size(); ++k) EXPECT_NEAR(one[k].get<double>(), -other[k].get<double>(), 0.02) << k;
+  const std::string finer =
+      replaced(text_of(folder / "runs/right/optimise/found.toml"), "step = \"5 ms\"", "step = \"2.5 ms\"");
+  folder.write("finer.toml", finer);
+  const json half = json::parse(done_in(folder / "", {"simulate", "finer.toml", "--json", "-q"}).out);
+  EXPECT_NEAR(half["channels"]["tip_height"]["end"], 0.0817, 1e-4);
 }
 
 }  // namespace

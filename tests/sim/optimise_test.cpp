@@ -215,6 +215,16 @@ TEST(Optimise, TheLeastEffortThatMovesAMassIsThatOfTheNormalEquations) {
   EXPECT_NEAR(result.value.objective, miss * miss + effort, 1e-8);
   EXPECT_NEAR(result.value.effort, effort, 1e-3 * effort);
   EXPECT_LT(result.value.objective, 0.5 * result.before_value.objective);
+  // Where it begins: a push of 0.05 N at the second knot, x = sin q.
+  const Eigen::Vector4d begin(0, 0.05, 0, 0);
+  const double far = a.dot(begin) - 3;
+  const Eigen::Vector4d gradient =
+      2 * far * a + 200 * Eigen::Vector4d(-0.05, 2 * 0.05, -0.05, 0);  // of the squared changes 0.05 and -0.05
+  EXPECT_NEAR(result.iterations.front().objective, far * far + 100 * 2 * 0.05 * 0.05, 1e-6);
+  const Eigen::Vector4d slopes(1, std::sqrt(1 - 0.05 * 0.05), 1, 1);
+  const double norm = gradient.cwiseProduct(slopes).norm();
+  EXPECT_NEAR(result.iterations.front().gradient_norm, norm, 1e-5 * norm);
+  EXPECT_LT(result.iterations.back().gradient_norm, 1e-4 * norm);
 }
 
 TEST(Optimise, ABoundHoldsAndTheRestIsTheBestWithinIt) {
