@@ -157,6 +157,12 @@ void refuse_goals_that_nothing_moves(const Simulation& simulation, const Robot& 
                   simulation.path));
 }
 
+/// Whether the gradient has fallen with J: at a kink only J's changes become small.
+bool is_flat(const std::vector<OptimiseIteration>& iterations) {
+  const double steepest = std::ranges::max_element(iterations, {}, &OptimiseIteration::gradient_norm)->gradient_norm;
+  return iterations.back().gradient_norm <= 0.05 * steepest;
+}
+
 void conclude(const ceres::GradientProblemSolver::Summary& summary, bool stopped, OptimiseResult& result) {
   using enum OptimiseStatus;
   const int iterations = result.iterations.empty() ? 0 : result.iterations.back().iteration;
@@ -165,7 +171,7 @@ void conclude(const ceres::GradientProblemSolver::Summary& summary, bool stopped
   if (stopped) {
     result.status = interrupted;
     result.message = fmt::format("interrupted after {} iterations; the best so far is kept", iterations);
-  } else if (summary.termination_type == ceres::CONVERGENCE) {
+  } else if (summary.termination_type == ceres::CONVERGENCE && is_flat(result.iterations)) {
     result.status = converged;
     result.message = fmt::format("converged after {} iterations, to a local optimum", iterations);
   } else if (summary.termination_type == ceres::NO_CONVERGENCE) {
@@ -177,7 +183,7 @@ void conclude(const ceres::GradientProblemSolver::Summary& summary, bool stopped
   } else {
     result.status = stalled;
     result.message = fmt::format(
-        "stalled after {} iterations: nothing lower was found along the last direction, as at a "
+        "stalled after {} iterations: nothing much lower is found, though the gradient is not small, as at a "
         "kink (contact, a cable that goes taut) or at the accuracy of the simulation",
         iterations);
   }
@@ -319,6 +325,7 @@ OptimiseResult optimise(const Simulation& simulation, const Robot& robot, const 
   options.function_tolerance = simulation.optimise->tolerance;
   options.gradient_tolerance = simulation.optimise->tolerance * SearchFunction::kFirstStep;
   options.parameter_tolerance = 1e-3 * simulation.optimise->tolerance;
+  options.max_num_line_search_step_size_iterations = 10;  // more are of use at kinks only, and gain next to nothing
   options.logging_type = ceres::SILENT;
   options.callbacks.push_back(&tell);
   ceres::GradientProblemSolver::Summary summary;

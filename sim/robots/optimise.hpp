@@ -60,7 +60,7 @@ class ControlObjective {
 /// How a search ended.
 enum class OptimiseStatus {
   converged,
-  stalled,        ///< nothing lower was found along the last direction
+  stalled,        ///< nothing much lower was found, though the gradient is over a twentieth of its largest
   not_converged,  ///< iterations used up
   interrupted,    ///< the best so far is kept
   failed          ///< the simulation of the file's own controls fails

@@ -157,5 +157,21 @@ TEST(SlowSwingUp, TheTipComesUpAsItsReadmeSaysAndANudgeToTheOtherSideGivesTheMir
   EXPECT_NEAR(half["channels"]["tip_height"]["end"], 0.0817, 1e-4);
 }
 
+/// Through contact: kinked, so that where exactly the search stalls is left open.
+TEST(SlowThrow, TheBallFliesHighAndTheSearchSaysThatItStalledAtAKink) {
+  const TemporaryFolder folder;
+  folder.write("throw.toml", text_of(TAUT_SOURCE_DIR "/experiments/throw/experiment.toml"));
+  const json thrown = json::parse(done_in(folder / "", {"optimise", "throw.toml", "--json", "-q"}).out);
+  EXPECT_NEAR(thrown["goals"][0]["before"], 0.0265, 1e-4);
+  EXPECT_NEAR(thrown["goals"][0]["found"], 0.172, 0.01);
+  EXPECT_EQ(thrown["status"], "stalled");
+  // A ball beside the arm is nothing to throw.
+  folder.write("beside.toml", replaced(text_of(folder / "throw.toml"), "at = [\"90 mm\", \"13.8 mm\"]",
+                                       "at = [\"150 mm\", \"60 mm\"]"));
+  const Outcome beside = run_in(folder / "", {"optimise", "beside.toml", "-q"});
+  EXPECT_EQ(beside.code, 2);
+  expect_holds(beside.err, {"no free control moves a goal", "gradient at the start is zero"});
+}
+
 }  // namespace
 }  // namespace taut
