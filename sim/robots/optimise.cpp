@@ -325,7 +325,6 @@ OptimiseResult optimise(const Simulation& simulation, const Robot& robot, const 
   options.function_tolerance = simulation.optimise->tolerance;
   options.gradient_tolerance = simulation.optimise->tolerance * SearchFunction::kFirstStep;
   options.parameter_tolerance = 1e-3 * simulation.optimise->tolerance;
-  options.max_num_line_search_step_size_iterations = 10;  // more are of use at kinks only, and gain next to nothing
   options.logging_type = ceres::SILENT;
   options.callbacks.push_back(&tell);
   ceres::GradientProblemSolver::Summary summary;
