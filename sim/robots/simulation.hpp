@@ -57,7 +57,8 @@ struct OptimiseRange {
 };
 /// [[optimise.goal]]: what a channel shall be at one time.
 struct OptimiseGoal {
-  enum class Aim { maximise, minimise, reach };  ///< reach: come near to `value`
+  /// What is wanted of it; reach: to come near to `value`.
+  enum class Aim { maximise, minimise, reach };
   std::string channel;
   double time = 0;  ///< [s]
   Aim aim = Aim::maximise;

@@ -189,6 +189,33 @@ value = "30 mm"
 scale = "10 mm"
 )";
 
+TEST(ControlObjective, ItsGradientIsThatSlopeWhereASupportMoves) {
+  std::string toml =
+      replaced(free_mass, "[[load]]\nid = \"hand\"\non = \"block.xmin\"\ndirection = [1, 0]\ncontrol = \"push\"",
+               "[[support]]\non = \"block.xmin\"\nfix = [\"y\"]\nmove = \"x\"\ncontrol = \"push\"");
+  size_t at = 0;
+  while ((at = toml.find(" N\"", at)) != std::string::npos) toml.replace(at, 3, " m\"");
+  toml = replaced(toml, "of = \"block\"\ndirection", "of = \"block.xmax\"\ndirection");
+  for (const std::string method : {"\"implicit_euler\"", "\"bdf2\"", "\"bdf2\"\nstart = \"equilibrium\""}) {
+    Made made(replaced(replaced(toml, "\"implicit_euler\"", method), "E = \"2 MPa\"", "E = \"20 kPa\""));
+    made.simulation.equilibrium.step_tolerance = 1e-13;
+    const ControlObjective objective(made.simulation, made.robot);
+    const Eigen::VectorXd x = 0.1 * objective.start();
+    const ControlObjective::Value here = objective.at(x);
+    ASSERT_TRUE(std::isfinite(here.objective)) << here.run.failure;
+    for (Eigen::Index j = 0; j < x.size(); ++j) {
+      const auto moved = [&](double by) {
+        Eigen::VectorXd there = x;
+        there[j] += by;
+        return objective.at(there).objective;
+      };
+      const double h = 1e-4, slope = (8 * (moved(h) - moved(-h)) - (moved(2 * h) - moved(-2 * h))) / (12 * h);
+      EXPECT_GT(std::abs(slope), 0.1) << method << ": " << j << " tests nothing";
+      EXPECT_NEAR(here.gradient[j], slope, 1e-5 * std::abs(slope)) << method << ": " << j;
+    }
+  }
+}
+
 TEST(Optimise, TheLeastEffortThatMovesAMassIsThatOfTheNormalEquations) {
   // Implicit Euler moves the centre of a mass by x = h^2/m sum_k (N - k + 1) F(t_k), whatever its shape does.
   const Made made(free_mass);
