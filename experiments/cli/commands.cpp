@@ -16,14 +16,15 @@ Command replay_command();
 Command fit_command();
 Command simulate_command();
 Command ik_command();
+Command optimise_command();
 Command predict_command();
 Command chart_command();
 Command report_command();
 
 const std::vector<Command>& all_commands() {
-  static const std::vector<Command> all{check_command(),   draw_command(),     replay_command(),
-                                        fit_command(),     simulate_command(), ik_command(),
-                                        predict_command(), chart_command(),    report_command()};
+  static const std::vector<Command> all{check_command(),    draw_command(),  replay_command(),   fit_command(),
+                                        simulate_command(), ik_command(),    optimise_command(), predict_command(),
+                                        chart_command(),    report_command()};
   return all;
 }
 

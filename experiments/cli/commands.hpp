@@ -17,7 +17,7 @@ enum ExitCode {
   exit_internal = 1,      ///< a fault of taut's own
   exit_input = 2,         ///< wrong usage or wrong input, or output that cannot be written
   exit_solve = 3,         ///< one or more simulations or parts of a run failed; what succeeded is written
-  exit_fit = 4,           ///< the fit did not converge
+  exit_fit = 4,           ///< the fit or search did not converge
   exit_interrupted = 130  ///< Ctrl-C; what was finished is written
 };
 

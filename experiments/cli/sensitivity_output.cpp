@@ -95,7 +95,7 @@ SimulationSensitivities read_sensitivities(const CommandOptions& options, const 
                                            const Robot& robot) {
   SimulationSensitivities wanted;
   wanted.all_readings = options.sensitivities;
-  if (!options.goal.empty()) wanted.goal = goal_of(options.goal, simulation, robot);
+  if (!options.goal.empty()) wanted.goals = {goal_of(options.goal, simulation, robot)};
   if (wanted.any()) {
     wanted.parameters = parameters_of(options.wrt, robot.scene.model->parameters());
   } else if (!options.wrt.empty()) {
@@ -130,15 +130,15 @@ void add_sensitivities(const Simulation& simulation, const Robot& robot, const S
       out["channels"][d.channel->id][d.parameter->id] = {{"unit", d.unit}, {"values", values}};
     }
   }
-  if (!result.goal_sample) return;
-  const size_t goal = wanted.goal->reading;
-  const double t = result.times[*result.goal_sample];
+  if (result.goal_samples.empty()) return;
+  const size_t goal = wanted.goals.front().reading;
+  const double t = result.times[result.goal_samples.front()];
   const Params p = robot.at(simulation, t);
   nlohmann::ordered_json& out = json["goal"];
   out = {{"channel", robot.readings[goal].id},
          {"time_s", t},
          {"unit", robot.readings[goal].unit},
-         {"value", result.readings[goal][*result.goal_sample]}};
+         {"value", result.goal_values.front()}};
   for (const Derivative& d : asked_for(robot, wanted, goal))
     out["gradient"][d.parameter->id] = {{"parameter", p[wanted.parameters[static_cast<size_t>(d.column)]]},
                                         {"derivative", result.goal_gradient[d.column]},
@@ -147,13 +147,13 @@ void add_sensitivities(const Simulation& simulation, const Robot& robot, const S
 
 std::string goal_table(const Simulation& simulation, const Robot& robot, const SimulationSensitivities& wanted,
                        const SimulationResult& result) {
-  if (!result.goal_sample) return "";
-  const size_t goal = wanted.goal->reading;
+  if (result.goal_samples.empty()) return "";
+  const size_t goal = wanted.goals.front().reading;
   const std::string& unit = robot.readings[goal].unit;
-  const double t = result.times[*result.goal_sample];
+  const double t = result.times[result.goal_samples.front()];
   const Params p = robot.at(simulation, t);
   std::string text = fmt::format("gradient of {} = {} at {}\n{:<26} {:>14} {:>14} {:<12} {:>14}\n",
-                                 robot.readings[goal].id, with_unit(result.readings[goal][*result.goal_sample], unit),
+                                 robot.readings[goal].id, with_unit(result.goal_values.front(), unit),
                                  with_unit(t, "s"), "parameter", "value", "derivative", "unit", "of one percent");
   for (const Derivative& d : asked_for(robot, wanted, goal)) {
     const double value = p[wanted.parameters[static_cast<size_t>(d.column)]], slope = result.goal_gradient[d.column];

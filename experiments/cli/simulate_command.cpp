@@ -128,22 +128,6 @@ void add_frames(const Simulation& simulation, const SimulationResult& result, Si
   }
 }
 
-SimulationRecord make_record(const Simulation& simulation, const Robot& robot, const SimulationResult& result,
-                             const CommandOptions& options) {
-  SimulationRecord record = start_simulation_record(simulation, robot, options);
-  record.samples = result.times;
-  for (size_t k = 0; k < record.controls.size(); ++k) record.controls[k].values = result.controls[k];
-  for (size_t k = 0; k < record.channels.size(); ++k) record.channels[k].values = result.readings[k];
-  if (simulation.method != SimulationMethod::quasi_static) {
-    record.channels.push_back({"kinetic_energy", "J", "kinetic energy", result.kinetic});
-    record.channels.push_back({"potential_energy", "J", "potential energy", result.potential});
-  }
-  add_frames(simulation, result, record);
-  for (const RobotPlot& plot : simulation.plots) record.plots.push_back({plot.id, plot.title, plot.x, plot.y});
-  add_facts(simulation, robot, result, record);
-  return record;
-}
-
 nlohmann::ordered_json summary_json(const SimulationRecord& record) {
   nlohmann::ordered_json json;
   json["title"] = record.title;
@@ -205,7 +189,7 @@ void add_sensitivity_facts(const Robot& robot, const SimulationSensitivities& wa
     record.facts.emplace_back("sensitivities",
                               fmt::format("of {} channels with respect to {} parameters at {} times: sensitivities.csv",
                                           robot.readings.size(), wanted.parameters.size(), result.derivatives.size()));
-  if (wanted.goal && !result.goal_sample)
+  if (!wanted.goals.empty() && result.goal_samples.empty())
     record.facts.emplace_back("gradient", "none: the run ended before the goal's time");
 }
 
@@ -234,7 +218,7 @@ int simulate_main(const CommandOptions& options) {
     fmt::print(stderr, "taut: {}: {}\n", simulation.path, result.failure);
     return result.interrupted ? exit_interrupted : exit_solve;
   }
-  SimulationRecord record = make_record(simulation, robot, result, options);
+  SimulationRecord record = make_simulation_record(simulation, robot, result, options);
   const SimulationSensitivities& wanted = simulate_options.sensitivities;
   add_sensitivity_facts(robot, wanted, result, record);
   if (simulation.workspace && result.failure.empty()) add_workspaces(simulation, robot, options, progress, record);
@@ -311,6 +295,22 @@ SimulationRecord start_simulation_record(const Simulation& simulation, const Rob
   record.command_line = options.command_line;
   record.version = fmt::format("{} ({})", version(), commit());
   record.experiment_text = read_file(simulation.path);
+  return record;
+}
+
+SimulationRecord make_simulation_record(const Simulation& simulation, const Robot& robot,
+                                        const SimulationResult& result, const CommandOptions& options) {
+  SimulationRecord record = start_simulation_record(simulation, robot, options);
+  record.samples = result.times;
+  for (size_t k = 0; k < record.controls.size(); ++k) record.controls[k].values = result.controls[k];
+  for (size_t k = 0; k < record.channels.size(); ++k) record.channels[k].values = result.readings[k];
+  if (simulation.method != SimulationMethod::quasi_static) {
+    record.channels.push_back({"kinetic_energy", "J", "kinetic energy", result.kinetic});
+    record.channels.push_back({"potential_energy", "J", "potential energy", result.potential});
+  }
+  add_frames(simulation, result, record);
+  for (const RobotPlot& plot : simulation.plots) record.plots.push_back({plot.id, plot.title, plot.x, plot.y});
+  add_facts(simulation, robot, result, record);
   return record;
 }
 

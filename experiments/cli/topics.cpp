@@ -105,6 +105,7 @@ const std::vector<Topic>& all_topics() {
       {"scope", "what taut models and what not", "README.md", "## What it models"},
       {"experiment-file", "tables and keys of an experiment", experiments, "## The experiment file"},
       {"simulation-file", "tables and keys of a simulation", experiments, "## Simulations"},
+      {"trajectory-optimisation", "controls over time that reach goals", experiments, "### Trajectory optimisation"},
       {"material-points", "stress-strain curves without a mesh", experiments, "## Material points"},
       {"units", "how quantities are written", experiments, "## Units"},
       {"channels", "what a bench may measure", experiments, "**`[[channel]]`**"},

@@ -338,6 +338,85 @@ void read_ik(TableReader table, Simulation& simulation) {
   simulation.ik = std::move(ik);
 }
 
+OptimiseRange read_optimise_range(TableReader& one, const std::string& id, const Simulation& simulation) {
+  const std::vector<std::string> ids = ids_of(simulation.controls);
+  check_id(one, "", id, ids, "a [[control]]");
+  const Quantity quantity = control_quantity(simulation, id);
+  OptimiseRange range{id, one.quantity("lower", quantity), one.quantity("upper", quantity),
+                      one.optional_positive("change", quantity, "change that costs 1")};
+  if (!(range.lower < range.upper)) one.fail("upper", "the upper bound must be above the lower one");
+  if (quantity == Quantity::mass && range.lower < 0) one.fail("lower", "a mass is zero or more");
+  for (const CableSettings& cable : simulation.cables.cables) {
+    if (cable.held && cable.control == id && range.lower < 0)
+      one.fail("lower", "a cable cannot push; a tension is zero or more");
+  }
+  const auto place = static_cast<size_t>(std::ranges::find(ids, id) - ids.begin());
+  int free = 0;
+  for (const ControlSchedule::Piece& piece : simulation.schedules[place].pieces()) {
+    if (piece.kind == ControlSchedule::Kind::sine)
+      one.fail("", fmt::format("control '{}' has a sine, which would leave the bounds; free controls have pieces of "
+                               "kind \"smooth\", \"linear\" and \"hold\"",
+                               id));
+    if (!ControlSchedule::has_target(piece)) continue;
+    ++free;
+    if (!(piece.target >= range.lower && piece.target <= range.upper))
+      one.fail("", fmt::format("control '{}' goes to {} in its piece that ends at {}, which is not within the bounds; "
+                               "widen them, or let the search start within them",
+                               id, with_unit(piece.target, units_of(quantity).front()), with_unit(piece.until, "s")));
+  }
+  if (free == 0)
+    one.fail("", fmt::format("control '{}' has no piece with 'to', and so nothing that is free; add "
+                             "[[control.piece]] with until and to",
+                             id));
+  one.finish();
+  return range;
+}
+
+OptimiseGoal read_optimise_goal(TableReader& one, const Simulation& simulation) {
+  using Aim = OptimiseGoal::Aim;
+  OptimiseGoal goal;
+  goal.channel = known_id(one, "channel", ids_of(simulation.channels), "a [[channel]]");
+  const ChannelKind& kind = *std::ranges::find(simulation.channels, goal.channel, &ChannelSettings::id)->kind;
+  if (kind.known == ChannelKind::Known::in_steps)
+    one.fail("channel", fmt::format("'{}' is a {}, which depends on several states and can be no goal; take a channel "
+                                    "of another kind",
+                                    goal.channel, kind.name));
+  const Quantity quantity = quantity_of_si_unit(kind.unit);
+  goal.time = one.optional_quantity("time", Quantity::time).value_or(simulation.duration);
+  if (!(goal.time > 0 && goal.time <= simulation.duration))
+    one.fail("time", fmt::format("{} is not within the simulation; give a time after its start and up to its end at {}",
+                                 with_unit(goal.time, "s"), with_unit(simulation.duration, "s")));
+  goal.aim = one.choice<Aim>("aim", {{"maximise", Aim::maximise}, {"minimise", Aim::minimise}, {"reach", Aim::reach}});
+  if (goal.aim == Aim::reach) goal.value = one.quantity("value", quantity);
+  goal.scale = one.optional_positive("scale", quantity, "scale").value_or(goal.scale);
+  one.finish();
+  return goal;
+}
+
+void read_optimise(TableReader table, Simulation& simulation) {
+  OptimiseSettings optimise;
+  for (auto& [id, one] : table.named_tables("control"))
+    optimise.controls.push_back(read_optimise_range(one, id, simulation));
+  if (optimise.controls.empty()) table.fail("", "no control is free; add [optimise.control.ID] with lower and upper");
+  for (TableReader& one : table.tables("goal")) optimise.goals.push_back(read_optimise_goal(one, simulation));
+  if (optimise.goals.empty()) table.fail("", "there is no goal; add [[optimise.goal]] with channel and aim");
+  optimise.iterations = table.integer("iterations", optimise.iterations, 1);
+  optimise.tolerance = table.optional_positive("tolerance", Quantity::pure, "tolerance").value_or(optimise.tolerance);
+  if (optimise.tolerance > 0.1) table.fail("tolerance", "a number above 0, up to 0.1, belongs here");
+  table.finish();
+  using enum SimulationMethod;
+  const SimulationMethod method = simulation.method;
+  if (method != quasi_static && method != implicit_euler && method != bdf2)
+    table.fail("",
+               "SUNDIALS' integrators give no gradients here; choose integrator = \"implicit_euler\", \"bdf2\" or "
+               "\"static\"");
+  if (simulation.remembers())
+    table.fail("",
+               "states depend on those before them (prony, friction), which the gradient of a goal does not "
+               "follow; take them out to optimise");
+  simulation.optimise = std::move(optimise);
+}
+
 /// Plots of series that will not be there, and controls that nothing listens to.
 void refuse_without_effect(const Simulation& simulation) {
   std::vector<std::string> series = own_series;
@@ -406,6 +485,7 @@ void read_tables(TableReader& root, Simulation& simulation) {
   }
   if (auto workspace = root.optional_table("workspace")) read_workspace(*workspace, simulation);
   if (auto ik = root.optional_table("ik")) read_ik(*ik, simulation);
+  if (auto optimise = root.optional_table("optimise")) read_optimise(*optimise, simulation);
   refuse_repeated(simulation.path,
                   {ids_of(simulation.controls), ids_of(simulation.cables.cables), ids_of(simulation.joints),
                    ids_of(simulation.studs.studs), ids_of(simulation.loads), ids_of(simulation.channels), own_series},

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <stdexcept>
 
 #include "sim/core/error.hpp"
 
@@ -21,6 +22,20 @@ void ControlSchedule::add(const Piece& piece) {
                     piece.until, begin));
   }
   pieces_.push_back(piece);
+}
+
+void ControlSchedule::set_target(size_t piece, double target) {
+  if (!has_target(pieces_.at(piece)) || !std::isfinite(target))
+    throw std::logic_error("a finite target is for a linear or smooth piece");
+  pieces_[piece].target = target;
+}
+
+ControlSchedule ControlSchedule::by_target(size_t piece) const {
+  ControlSchedule derivative = *this;
+  derivative.start_ = 0;
+  for (Piece& one : derivative.pieces_) one.target = one.amplitude = 0;
+  derivative.set_target(piece, 1);
+  return derivative;
 }
 
 double ControlSchedule::within(const Piece& piece, double begin, double value, double t) {

@@ -1,4 +1,5 @@
 #pragma once
+#include <cstddef>
 #include <vector>
 
 namespace taut {
@@ -28,6 +29,15 @@ class ControlSchedule {
   void add(const Piece& piece);
   /// Value at time t >= 0; after the last piece its end value.
   double at(double t) const;
+
+  const std::vector<Piece>& pieces() const { return pieces_; }  ///< in their order
+  double start() const { return start_; }                       ///< before the first piece, SI
+  /// Whether a piece has a `target`: it is linear or smooth.
+  static bool has_target(const Piece& piece) { return piece.kind == Kind::linear || piece.kind == Kind::smooth; }
+  /// Gives piece number `piece` another target, finite, SI. Throws std::logic_error where it has none.
+  void set_target(size_t piece, double target);
+  /// The derivative of at(t) by the target of piece number `piece`, as a schedule: values are linear in all targets.
+  ControlSchedule by_target(size_t piece) const;
 
  private:
   static double within(const Piece& piece, double begin, double value, double t);

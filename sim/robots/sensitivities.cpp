@@ -85,24 +85,33 @@ Eigen::MatrixXd reading_derivatives(const Robot& robot, const AcceptedStep& step
   return result;
 }
 
-Eigen::VectorXd reading_gradient(const Robot& robot, std::vector<AcceptedStep> states, const SceneReading& reading,
-                                 const Eigen::MatrixXd& du_start, const std::vector<int>& indices) {
-  Eigen::VectorXd result(static_cast<Eigen::Index>(indices.size())), by_state;
-  {
-    const Point end = point_of(states.back());
-    by_state = reading.channel->gradient(end);
-    for (size_t j = 0; j < indices.size(); ++j)
-      result[static_cast<Eigen::Index>(j)] = reading.channel->parameter_derivative(end, indices[j]);
+Eigen::MatrixXd reading_gradient(const Robot& robot, std::vector<AcceptedStep> states,
+                                 const std::vector<WeightedReading>& sum, const Eigen::MatrixXd& du_start,
+                                 const std::vector<int>& indices) {
+  const auto count = static_cast<Eigen::Index>(indices.size());
+  Eigen::MatrixXd result = Eigen::MatrixXd::Zero(count, static_cast<Eigen::Index>(states.size()));
+  std::vector<Eigen::VectorXd> by_state(states.size());  // empty: zero
+  for (const WeightedReading& one : sum) {
+    const Channel& channel = *robot.readings[one.reading].channel;
+    const Point at = point_of(states[one.state]);
+    Eigen::VectorXd& gradient = by_state[one.state];
+    if (gradient.size() == 0) gradient = Eigen::VectorXd::Zero(at.u.size());
+    gradient += one.weight * channel.gradient(at);
+    for (Eigen::Index j = 0; j < count; ++j)
+      result(j, static_cast<Eigen::Index>(one.state)) +=
+          one.weight * channel.parameter_derivative(at, indices[static_cast<size_t>(j)]);
   }
+  Eigen::VectorXd by_start = std::move(by_state.front());
   states.erase(states.begin());
+  by_state.erase(by_state.begin());
   if (!states.empty()) {
-    std::vector<Eigen::VectorXd> gradients(states.size());
-    gradients.back() = by_state;
-    const TrajectoryGradient trajectory = adjoint_gradient(*robot.scene.model, states, gradients, indices);
-    result += trajectory.parameters.rowwise().sum();
-    by_state = trajectory.start;
+    const TrajectoryGradient trajectory = adjoint_gradient(*robot.scene.model, states, by_state, indices);
+    result.rightCols(trajectory.parameters.cols()) += trajectory.parameters;
+    if (by_start.size() == 0) by_start = Eigen::VectorXd::Zero(trajectory.start.size());
+    by_start += trajectory.start;
   }
-  return result + du_start.transpose() * by_state;
+  if (by_start.size() > 0) result.col(0) += du_start.transpose() * by_start;
+  return result;
 }
 
 }  // namespace taut

@@ -34,11 +34,19 @@ double net_force(const Robot& robot, const SceneReading& reading, const Accepted
 Eigen::MatrixXd reading_derivatives(const Robot& robot, const AcceptedStep& step, const StateDerivatives& state,
                                     const std::vector<int>& indices);
 
-/// The derivatives of one reading in the last of `states` with respect to parameters that are the same in all of them,
-/// or are all offset alike, by the adjoint method: one linear solve per state, whatever the number of parameters.
-/// `states` are all accepted steps of a trajectory, its start included; `du_start` (unknowns x indices) the derivatives
-/// of that start. The reading has a channel (it is no net force).
-Eigen::VectorXd reading_gradient(const Robot& robot, std::vector<AcceptedStep> states, const SceneReading& reading,
-                                 const Eigen::MatrixXd& du_start, const std::vector<int>& indices);
+/// A reading in one state of a trajectory, with what it counts.
+struct WeightedReading {
+  size_t reading = 0, state = 0;
+  double weight = 1;
+};
+
+/// The derivatives of a weighted sum of readings with respect to what each parameter is in each state alone, (indices x
+/// states), by the adjoint method: one linear solve per state, whatever the number of parameters, readings and states.
+/// Their sum over a row is the derivative by a parameter that is the same in all states, or is offset alike. `states`
+/// are all accepted steps of a trajectory, its start included; `du_start` (unknowns x indices) the derivatives of that
+/// start by the parameters in it. The readings have channels (they are no net forces).
+Eigen::MatrixXd reading_gradient(const Robot& robot, std::vector<AcceptedStep> states,
+                                 const std::vector<WeightedReading>& sum, const Eigen::MatrixXd& du_start,
+                                 const std::vector<int>& indices);
 
 }  // namespace taut

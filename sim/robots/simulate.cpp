@@ -27,7 +27,7 @@ void check_method(const Simulation& simulation, const Robot& robot, const Simula
                     "\"implicit_euler\" or \"bdf2\"",
                     simulation.path, wanted.any() ? "sensitivities of equilibria do" : "SUNDIALS' integrators do"));
   if (!wanted.any()) return;
-  if (simulation.remembers() && wanted.goal)
+  if (simulation.remembers() && !wanted.goals.empty())
     throw InputError(fmt::format(
         "{}: states depend on those before them (prony, friction), which the gradient of a goal does not follow; take "
         "forward sensitivities",
@@ -38,11 +38,12 @@ void check_method(const Simulation& simulation, const Robot& robot, const Simula
                     "\"implicit_euler\", \"bdf2\" or \"static\"",
                     simulation.path));
   }
-  if (wanted.goal && !robot.readings[wanted.goal->reading].channel) {
+  for (const SimulationSensitivities::Goal& goal : wanted.goals) {
+    if (robot.readings[goal.reading].channel) continue;
     throw InputError(
         fmt::format("{}: channel '{}' is a net force, which depends on several states and can be no goal; take its "
                     "forward sensitivities",
-                    simulation.path, robot.readings[wanted.goal->reading].id));
+                    simulation.path, robot.readings[goal.reading].id));
   }
 }
 
@@ -96,6 +97,7 @@ class Run {
   }
 
  private:
+  using Goal = SimulationSensitivities::Goal;
   /// Displacements to start from, and their derivatives where sensitivities are asked for.
   struct Start {
     Eigen::VectorXd u;
@@ -106,7 +108,9 @@ class Run {
     Equilibrium equilibrium = equilibrium_at_rest(simulation_, robot_, model_, options_.stop);
     std::vector<double> times;
     for (int k = 0; k <= intervals(); ++k) times.push_back(std::min(simulation_.duration, k * simulation_.step));
-    const size_t goal = wanted_.goal ? nearest(times, wanted_.goal->time) : times.size();
+    std::vector<size_t> goal_samples;
+    for (const Goal& goal : wanted_.goals) goal_samples.push_back(nearest(times, goal.time));
+    std::vector<Eigen::RowVectorXd> goal_rows(goal_samples.size());
     const Eigen::VectorXd still = Eigen::VectorXd::Zero(model_.unknowns());
     const bool remembers = model_.memory_size() > 0;
     TimeStep relaxing;
@@ -132,20 +136,39 @@ class Run {
       const AcceptedStep state{times[k], k == 0 ? 0 : simulation_.step, equilibrium.u(), still, p, relaxing};
       if (remembers) relaxing.memory = model_.remember({equilibrium.u(), p, &relaxing});
       record(state);
-      if (wanted_.all_readings || k == goal) follow(equilibrium, state, k == goal);
+      if (wanted_.all_readings || std::ranges::find(goal_samples, k) != goal_samples.end()) {
+        const Eigen::MatrixXd du = equilibrium_derivatives(equilibrium, wanted_.parameters);
+        const Eigen::MatrixXd dy = reading_derivatives(
+            robot_, state, {du, Eigen::MatrixXd::Zero(du.rows(), du.cols()), {}}, wanted_.parameters);
+        if (wanted_.all_readings) result_.derivatives.push_back(dy);
+        for (size_t g = 0; g < goal_rows.size(); ++g) {
+          if (goal_samples[g] == k) goal_rows[g] = dy.row(static_cast<Eigen::Index>(wanted_.goals[g].reading));
+        }
+      }
       ++result_.steps;
       tell(times[k]);
     }
+    if (wanted_.goals.empty()) return;
+    const std::vector<WeightedReading> sum = reached_goals(std::move(goal_samples));
+    for (size_t g = 0; g < sum.size(); ++g)  // an equilibrium knows the parameters of its own time only
+      result_.goal_gradient_over_time.col(static_cast<Eigen::Index>(sum[g].state)) +=
+          sum[g].weight * goal_rows[g].transpose();
+    result_.goal_gradient = result_.goal_gradient_over_time.rowwise().sum();
   }
 
-  void follow(Equilibrium& equilibrium, const AcceptedStep& state, bool goal) {
-    const Eigen::MatrixXd du = equilibrium_derivatives(equilibrium, wanted_.parameters);
-    const Eigen::MatrixXd dy =
-        reading_derivatives(robot_, state, {du, Eigen::MatrixXd::Zero(du.rows(), du.cols()), {}}, wanted_.parameters);
-    if (wanted_.all_readings) result_.derivatives.push_back(dy);
-    if (!goal) return;
-    result_.goal_sample = result_.times.size() - 1;
-    result_.goal_gradient = dy.row(static_cast<Eigen::Index>(wanted_.goal->reading)).transpose();
+  /// The goals with what each counts in the number that they make up, whose gradient is yet to be added up.
+  std::vector<WeightedReading> reached_goals(std::vector<size_t> samples) {
+    result_.goal_samples = std::move(samples);
+    for (size_t g = 0; g < wanted_.goals.size(); ++g)
+      result_.goal_values.push_back(result_.readings[wanted_.goals[g].reading][result_.goal_samples[g]]);
+    const std::vector<double> slopes =
+        wanted_.slopes ? wanted_.slopes(result_.goal_values) : std::vector<double>(wanted_.goals.size(), 1.0);
+    std::vector<WeightedReading> sum;
+    for (size_t g = 0; g < wanted_.goals.size(); ++g)
+      sum.push_back({wanted_.goals[g].reading, result_.goal_samples[g], slopes[g]});
+    result_.goal_gradient_over_time = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(wanted_.parameters.size()),
+                                                            static_cast<Eigen::Index>(result_.times.size()));
+    return sum;
   }
 
   void step_by_minimisation() {
@@ -169,7 +192,7 @@ class Run {
     std::vector<AcceptedStep> states;  // what the adjoint method goes back through
     const auto keep = [&] {
       record(stepper.last());
-      if (wanted_.goal) states.push_back(stepper.last());
+      if (!wanted_.goals.empty()) states.push_back(stepper.last());
       if (!wanted_.all_readings) return;
       result_.derivatives.push_back(reading_derivatives(
           robot_, stepper.last(), {stepper.du(), stepper.dreference(), stepper.dmemory()}, wanted_.parameters));
@@ -183,11 +206,18 @@ class Run {
       }
       tell(stepper.t());
     }
-    if (!wanted_.goal || (!result_.failure.empty() && wanted_.goal->time > result_.times.back())) return;
-    result_.goal_sample = nearest(result_.times, wanted_.goal->time);
-    states.resize(*result_.goal_sample + 1);
-    result_.goal_gradient = reading_gradient(robot_, std::move(states), robot_.readings[wanted_.goal->reading],
-                                             start.du, wanted_.parameters);
+    if (wanted_.goals.empty()) return;
+    std::vector<size_t> goal_samples;
+    for (const Goal& goal : wanted_.goals) {
+      if (!result_.failure.empty() && goal.time > result_.times.back()) return;
+      goal_samples.push_back(nearest(result_.times, goal.time));
+    }
+    const size_t last = std::ranges::max(goal_samples);
+    states.resize(last + 1);
+    const std::vector<WeightedReading> sum = reached_goals(std::move(goal_samples));
+    result_.goal_gradient_over_time.leftCols(static_cast<Eigen::Index>(last + 1)) =
+        reading_gradient(robot_, std::move(states), sum, start.du, wanted_.parameters);
+    result_.goal_gradient = result_.goal_gradient_over_time.rowwise().sum();
   }
 
   /// One step on; false, and why, where none is accepted.

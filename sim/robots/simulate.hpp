@@ -38,8 +38,11 @@ struct SimulationResult {
   double largest_motor_error = 0;  ///< actual less commanded angle [rad]
   // As SimulateOptions::sensitivities asks for them, per unit of each parameter, SI.
   std::vector<Eigen::MatrixXd> derivatives;  ///< of all readings, (readings x parameters), over the times
-  std::optional<size_t> goal_sample;         ///< which of the times the goal is at; none: the run ended before it
-  Eigen::VectorXd goal_gradient;             ///< of the goal, (parameters)
+  std::vector<size_t> goal_samples;  ///< which of the times each goal is at; empty: the run ended before one of them
+  std::vector<double> goal_values;   ///< of the goals, SI
+  /// Of what the goals make up, by what each parameter is at each time alone, (parameters x times).
+  Eigen::MatrixXd goal_gradient_over_time;
+  Eigen::VectorXd goal_gradient;  ///< the same by parameters that are offset alike at all times, (parameters)
 };
 
 /// Which derivatives a run follows. They are exact ones of what the run computed: of its equilibria, or of its time
@@ -49,14 +52,17 @@ struct SimulationResult {
 struct SimulationSensitivities {
   std::vector<int> parameters;  ///< table indices
   bool all_readings = false;    ///< of all readings at every time, forward: one linear solve per time and parameter
-  /// One reading at one time, by the adjoint method: one linear solve per time. At the accepted state nearest to `time`
-  /// [s]. No net force, which depends on several states.
+  /// One reading at one time: at the accepted state nearest to `time` [s]. No net force, which depends on several
+  /// states.
   struct Goal {
     size_t reading = 0;
     double time = 0;
   };
-  std::optional<Goal> goal;
-  bool any() const { return all_readings || goal; }  ///< something is asked for
+  /// Derivatives of one number that is a function of goals, by the adjoint method: one linear solve per time.
+  std::vector<Goal> goals;
+  /// That number's derivatives by the goals' values; empty: it is their sum.
+  std::function<std::vector<double>(const std::vector<double>& values)> slopes;
+  bool any() const { return all_readings || !goals.empty(); }  ///< something is asked for
 };
 
 /// Who may end a simulation, who is told, and which derivatives are wanted.

@@ -49,6 +49,30 @@ struct IkSettings {
   double tolerance = 1e-4;  ///< [m]
 };
 
+/// [optimise.control.ID]: a control whose pieces may end anywhere within bounds.
+struct OptimiseRange {
+  std::string id;
+  double lower = 0, upper = 0;   ///< SI
+  std::optional<double> change;  ///< SI: a change of this size from piece to piece costs 1; none: changes cost nothing
+};
+/// [[optimise.goal]]: what a channel shall be at one time.
+struct OptimiseGoal {
+  /// What is wanted of it; reach: to come near to `value`.
+  enum class Aim { maximise, minimise, reach };
+  std::string channel;
+  double time = 0;  ///< [s]
+  Aim aim = Aim::maximise;
+  double value = 0;  ///< SI, of reach
+  double scale = 1;  ///< SI: a gain of this size, or a miss, counts as 1
+};
+/// [optimise].
+struct OptimiseSettings {
+  std::vector<OptimiseRange> controls;
+  std::vector<OptimiseGoal> goals;
+  int iterations = 100;     ///< of the search, at most
+  double tolerance = 1e-6;  ///< where it ends, see optimise()
+};
+
 /// How a simulation goes from state to state; the last three are SUNDIALS'.
 enum class SimulationMethod { quasi_static, implicit_euler, bdf2, cvode, arkode_implicit, arkode_explicit };
 
@@ -65,6 +89,7 @@ struct Simulation : Setup {
   std::vector<RobotPlot> plots;
   std::optional<WorkspaceSettings> workspace;
   std::optional<IkSettings> ik;
+  std::optional<OptimiseSettings> optimise;
   EquilibriumOptions equilibrium;
 };
 

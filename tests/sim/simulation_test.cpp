@@ -495,7 +495,7 @@ TEST(Simulate, DerivativesOfAllReadingsAreTheSlopesOfWholeRunsAndTheGoalsGradien
       change[static_cast<Eigen::Index>(j)] = 1e-4 * moved[j].second * robot.scene.values[index];
     }
     options.sensitivities.all_readings = true;
-    options.sensitivities.goal = {0, 0.04};
+    options.sensitivities.goals = {{0, 0.04}};
     const SimulationResult here = simulate(simulation, robot, options);
     ASSERT_EQ(here.failure, "");
     ASSERT_EQ(here.derivatives.size(), here.times.size());
@@ -517,7 +517,7 @@ TEST(Simulate, DerivativesOfAllReadingsAreTheSlopesOfWholeRunsAndTheGoalsGradien
       }
       EXPECT_GT(largest, 3e-11) << integrator << ": " << robot.readings[k].id;
     }
-    ASSERT_EQ(here.goal_sample, here.times.size() - 1);
+    ASSERT_EQ(here.goal_samples, std::vector{here.times.size() - 1});
     const Eigen::VectorXd forward = here.derivatives.back().row(0).transpose();
     for (Eigen::Index j = 0; j < forward.size(); ++j)
       EXPECT_NEAR(here.goal_gradient[j], forward[j], 1e-6 * std::abs(forward[j]))
@@ -533,7 +533,7 @@ TEST(Simulate, SensitivitiesThatThereAreNoneOfAreRefused) {
   expect_input_error([&] { simulate(explicitly, robot, options); }, {"no sensitivities", "\"implicit_euler\""});
   auto [simulation, falling] = small_robot("implicit_euler", true);
   const auto net = std::ranges::find(falling.readings, "block_force", &SceneReading::id) - falling.readings.begin();
-  options.sensitivities.goal = {static_cast<size_t>(net), 0.02};
+  options.sensitivities.goals = {{static_cast<size_t>(net), 0.02}};
   expect_input_error([&] { simulate(simulation, falling, options); }, {"'block_force' is a net force", "no goal"});
 }
 
