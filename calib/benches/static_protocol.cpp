@@ -213,18 +213,20 @@ void StaticProtocol::follow_guide(std::unique_ptr<StaticProtocol> guide,
 }
 
 void StaticProtocol::ask_guide(const Params& p) {
-  if (!guide_ || std::ranges::all_of(conditions_, &Condition::solved)) return;
+  guided_ = guide_ != nullptr && !std::ranges::all_of(conditions_, &Condition::solved);
+  if (!guided_) return;
   Params there = guide_->nominal();
   for (int i = 0; i < guide_->parameters().size(); ++i) {
     const std::string& id = guide_->parameters()[i].id;
     if (parameters().contains(id)) there[i] = p[parameters().index(id)];
   }
+  guide_->forget();  // what it finds depends on the parameters alone
   guide_->predict(there, {});
 }
 
 /// False where there is no guide, or it does not come there straight.
 bool StaticProtocol::start_as_guided(const Condition& condition, const Params& target, Equilibrium& equilibrium) const {
-  if (!guide_ || condition.other_u.size() > 0) return false;
+  if (!guided_ || condition.other_u.size() > 0) return false;
   const auto there = std::ranges::find(guide_->conditions_, condition.controls, &Condition::controls);
   if (there == guide_->conditions_.end()) return false;
   const SolveReport& report = there->report;

@@ -214,6 +214,7 @@ class StaticProtocol final : public Protocol {
   Params at_;  ///< of the last prediction
   std::unique_ptr<StaticProtocol> guide_;
   std::function<Eigen::VectorXd(const Eigen::VectorXd&)> from_guide_;
+  bool guided_ = false;  ///< the guide has found the conditions of the prediction that is made
   int factorisations_ = 0, newton_iterations_ = 0;
 };
 
