@@ -206,6 +206,38 @@ Eigen::VectorXd StaticProtocol::predicted_change(const Condition& condition, con
   return near ? change : Eigen::VectorXd();
 }
 
+void StaticProtocol::follow_guide(std::unique_ptr<StaticProtocol> guide,
+                                  std::function<Eigen::VectorXd(const Eigen::VectorXd& u)> as_here) {
+  guide_ = std::move(guide);
+  from_guide_ = std::move(as_here);
+}
+
+void StaticProtocol::ask_guide(const Params& p) {
+  guided_ = guide_ != nullptr && !std::ranges::all_of(conditions_, &Condition::solved);
+  if (!guided_) return;
+  Params there = guide_->nominal();
+  for (int i = 0; i < guide_->parameters().size(); ++i) {
+    const std::string& id = guide_->parameters()[i].id;
+    if (parameters().contains(id)) there[i] = p[parameters().index(id)];
+  }
+  guide_->forget();  // what it finds depends on the parameters alone
+  guide_->predict(there, {});
+}
+
+/// False where there is no guide, or it does not come there straight.
+bool StaticProtocol::start_as_guided(const Condition& condition, const Params& target, Equilibrium& equilibrium) const {
+  if (!guided_ || condition.other_u.size() > 0) return false;
+  const auto there = std::ranges::find(guide_->conditions_, condition.controls, &Condition::controls);
+  if (there == guide_->conditions_.end()) return false;
+  const SolveReport& report = there->report;
+  if (report.status != SolveStatus::converged || !there->solved || report.slipped || report.left_saddle ||
+      !report.side.empty())
+    return false;
+  if (condition.parent < 0) equilibrium.start_at_rest(target);  // forgets contacts of other paths
+  equilibrium.start_at(from_guide_(there->u), target);
+  return true;
+}
+
 Params StaticProtocol::with_controls(const Params& p, const std::vector<double>& controls) const {
   Params target = scene_.values;
   target.head(p.size()) = p;
@@ -221,8 +253,8 @@ void StaticProtocol::solve_condition(Condition& condition, const Params& p, cons
   double smallest = 0;  // Jacobian at the state found
   bool done = false;
   const Eigen::VectorXd change = condition.solved ? predicted_change(condition, target) : Eigen::VectorXd();
-  if (change.size() > 0) {
-    equilibrium.start_beyond(condition.u, change, target);
+  if (change.size() > 0) equilibrium.start_beyond(condition.u, change, target);
+  if (change.size() > 0 || start_as_guided(condition, target, equilibrium)) {
     total = equilibrium.solve(target, polish_);
     // A start that is not on the protocol's path may end in a spurious equilibrium with folded elements.
     if (total.status == SolveStatus::converged) smallest = smallest_jacobian(scene_.model->mesh(), equilibrium.u());
@@ -358,6 +390,7 @@ void StaticProtocol::read_row(Eigen::Index r, const Params& p, const std::vector
 Prediction StaticProtocol::predict(const Params& p, const std::vector<int>& free) {
   at_ = p;
   find_followed();
+  ask_guide(p);
   // The dearest first, so that threads end together. Each path depends on its own past only, so which thread solves
   // it, and when, does not matter.
   std::stable_sort(paths_.begin(), paths_.end(), [](const Path& a, const Path& b) { return a.cost > b.cost; });

@@ -80,6 +80,13 @@ class StaticProtocol final : public Protocol {
   void begin_search() override { polish_ = Polish::search; }
   void end_search() override { polish_ = Polish::full; }
 
+  /// A cheaper model of the same rows, and what its displacements are in this one: a condition that would follow
+  /// its path from rest starts from what the guide finds there, as far as that came to it without a slip, a saddle
+  /// or a choice of sides. Where this model finds no equilibrium from there, it follows its own path from rest. For
+  /// benches without history, friction and what sticks. Parameters of the guide are found here by their ids.
+  void follow_guide(std::unique_ptr<StaticProtocol> guide,
+                    std::function<Eigen::VectorXd(const Eigen::VectorXd& u)> as_here);
+
   /// The same rows with a number that is no parameter of the model (a dimension) on either side of its value here. The
   /// models have the same unknowns and parameters.
   struct Neighbours {
@@ -184,6 +191,8 @@ class StaticProtocol final : public Protocol {
   void solve_condition(Condition& condition, const Params& p, const std::vector<int>& free,
                        Equilibrium& equilibrium) const;
   Eigen::VectorXd predicted_change(const Condition& condition, const Params& to) const;
+  void ask_guide(const Params& p);
+  bool start_as_guided(const Condition& condition, const Params& target, Equilibrium& equilibrium) const;
   void read_row(Eigen::Index r, const Params& p, const std::vector<int>& free, Prediction& prediction) const;
   std::string describe_parameters(const Params& p) const;
   Slopes change_between(const std::vector<Neighbours>& neighbours, const Condition& condition,
@@ -203,6 +212,9 @@ class StaticProtocol final : public Protocol {
   Params follow_at_;  ///< where the other equilibria of `follow_rows_` are to be found yet; else empty
   std::vector<int> follow_rows_;
   Params at_;  ///< of the last prediction
+  std::unique_ptr<StaticProtocol> guide_;
+  std::function<Eigen::VectorXd(const Eigen::VectorXd&)> from_guide_;
+  bool guided_ = false;  ///< the guide has found the conditions of the prediction that is made
   int factorisations_ = 0, newton_iterations_ = 0;
 };
 

@@ -122,6 +122,33 @@ void refuse_contradictions(const Experiment& experiment, const Trials& trials) {
   }
 }
 
+/// The plane section of a solid finds out where its conditions lie. Of no use to models that look back.
+void guide_by_section(const Experiment& experiment, const MeshSettings& settings, const Trials& trials,
+                      StaticProtocol& solid) {
+  if (experiment.geometry.dimension != 2 || settings.depth_cells == 0 || experiment.remembers() ||
+      experiment.contact.sticks || !solid.scene().states.empty())
+    return;
+  MeshSettings section = settings;
+  section.depth_cells = 0;
+  std::unique_ptr<StaticProtocol> guide = make_static_replay(experiment, section, trials).protocol;
+  const Mesh &plane = guide->scene().model->mesh(), &mesh = solid.scene().model->mesh();
+  // Nodes of the solid lie above those of its section.
+  std::map<std::array<double, 2>, int> below;
+  for (int i = 0; i < plane.node_count(); ++i) below[{plane.node(i)[0], plane.node(i)[1]}] = i;
+  std::vector<int> foot;
+  for (int i = 0; i < mesh.node_count(); ++i) {
+    const auto found = below.find({mesh.node(i)[0], mesh.node(i)[1]});
+    if (found == below.end()) return;
+    foot.push_back(found->second);
+  }
+  solid.follow_guide(std::move(guide), [foot = std::move(foot)](const Eigen::VectorXd& u) {
+    Eigen::VectorXd swept = Eigen::VectorXd::Zero(3 * std::ssize(foot));
+    for (Eigen::Index i = 0; i < std::ssize(foot); ++i)
+      swept.segment<2>(3 * i) = u.segment<2>(2 * foot[static_cast<size_t>(i)]);
+    return swept;
+  });
+}
+
 }  // namespace
 
 StaticReplay make_static_replay(const Experiment& experiment, const MeshSettings& settings, const Trials& trials) {
@@ -140,6 +167,7 @@ StaticReplay make_static_replay(const Experiment& experiment, const MeshSettings
   if (experiment.contact.sticks) options.sticks = model.contact;
   bench.protocol = std::make_unique<StaticProtocol>(std::move(model.scene), std::move(model.channels), model.controls,
                                                     model.off_at_rest, bench.rows, options);
+  guide_by_section(experiment, settings, trials, *bench.protocol);
   return bench;
 }
 

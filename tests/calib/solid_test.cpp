@@ -60,6 +60,27 @@ TEST(Solid, AWideCantileverLiesBetweenPlaneStressAndPlaneStrainWhereTheFullBodyD
   EXPECT_NEAR(half / displacements(box, one_load(force))[0], 1, 2e-3);
 }
 
+TEST(Solid, StartsWhereItsSectionIsAndComesToTheEquilibriaOfThePathFromRest) {
+  const Experiment module = read_experiment(TAUT_SOURCE_DIR "/experiments/push_puppet/experiment.toml");
+  const Trials trials = read_trials(module.bench);
+  MeshSettings mesh = module.mesh;
+  mesh.size = 6e-3;
+  mesh.order = 1;
+  mesh.depth_cells = 2;
+  const auto solve = [&](bool guided) {
+    StaticReplay bench = make_static_replay(module, mesh, trials);
+    if (!guided) bench.protocol->follow_guide(nullptr, {});
+    const Prediction prediction = bench.protocol->predict(bench.protocol->nominal(), {});
+    for (const std::string& failure : prediction.failures) ADD_FAILURE() << failure;
+    return std::pair(prediction.values, bench.protocol->factorisations());
+  };
+  const auto [here, few] = solve(true);
+  const auto [there, many] = solve(false);
+  ASSERT_EQ(here.size(), 16);
+  for (Eigen::Index r = 0; r < here.size(); ++r) EXPECT_NEAR(here[r] / there[r], 1, 1e-6) << "row " << r;
+  EXPECT_LT(few, 0.6 * many);
+}
+
 TEST(Solid, ANarrowCantileverIsInPlaneStress) {
   Experiment solid = cantilever(2e-3, Plane::strain);
   solid.mesh.depth_cells = 1;
