@@ -15,9 +15,10 @@ struct Blocks {
 /// definite. Loops by hand: of Eigen's decompositions a compiler needs a gigabyte.
 class BlockFactors {
  public:
+  /// Of A plus `shift` times the diagonal blocks diag(scale).
   static std::optional<BlockFactors> of(Blocks A, double shift, const Vector6& scale);
 
-  MatrixXd solve(MatrixXd b) const;
+  MatrixXd solve(MatrixXd b) const;  ///< A^-1 b, shape (6 n x k)
 
  private:
   explicit BlockFactors(Blocks factors) : factors_(std::move(factors)) {}

@@ -28,6 +28,7 @@ struct PlacedRod {
     return F(2, 2) * (F(0, 0) * F(1, 1) - F(1, 0) * F(0, 1)) + F(1, 2) * (F(2, 0) * F(0, 1) - F(0, 0) * F(2, 1)) +
            F(0, 2) * (F(1, 0) * F(2, 1) - F(2, 0) * F(1, 1));
   }
+  /// What a channel of position reads at rest [m].
   double rest(const RodChannel& channel) const {
     return channel.direction.dot(origin + frame * (channel.at.offset + Eigen::Vector3d(0, 0, channel.at.s)));
   }

@@ -18,7 +18,7 @@ using Matrix36 = Eigen::Matrix<double, 3, 6>;    ///< a vector's derivatives by 
 using Matrix312 = Eigen::Matrix<double, 3, 12>;  ///< a vector's derivatives by the unknowns of two nodes
 using Matrix612 = Eigen::Matrix<double, 6, 12>;  ///< derivatives of v and k by the unknowns of two nodes
 
-/// A B and A^T M A by loops: of Eigen's products of many sizes a compiler needs a gigabyte.
+/// A B by loops: of Eigen's products of many sizes a compiler needs a gigabyte.
 template <int R, int K, int C>
 Eigen::Matrix<double, R, C> times(const Eigen::Matrix<double, R, K>& A, const Eigen::Matrix<double, K, C>& B) {
   Eigen::Matrix<double, R, C> AB;
@@ -30,6 +30,7 @@ Eigen::Matrix<double, R, C> times(const Eigen::Matrix<double, R, K>& A, const Ei
   }
   return AB;
 }
+/// A^T M A, in the same way.
 template <int K, int C>
 Eigen::Matrix<double, C, C> congruent(const Eigen::Matrix<double, K, K>& M, const Eigen::Matrix<double, K, C>& A) {
   const Eigen::Matrix<double, K, C> MA = times(M, A);
@@ -53,12 +54,14 @@ Eigen::Matrix<double, R, R> outer(const Eigen::Matrix<double, R, 1>& a, const Ei
   return ab;
 }
 
+/// A of A b = a x b.
 inline Matrix3d cross_matrix(const Vector3d& a) {
   Matrix3d A;
   A << 0, -a[2], a[1], a[2], 0, -a[0], -a[1], a[0], 0;
   return A;
 }
 
+/// a x b.
 inline Vector3d cross(const Vector3d& a, const Vector3d& b) {
   return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
 }
@@ -69,6 +72,7 @@ inline Vector4d product(const Vector4d& a, const Vector4d& b) {
           a[0] * b[2] + b[0] * a[2] + a[3] * b[1] - a[1] * b[3], a[0] * b[3] + b[0] * a[3] + a[1] * b[2] - a[2] * b[1]};
 }
 
+/// The rotation of a unit quaternion (w, x, y, z).
 inline Matrix3d rotation_by(const Vector4d& q) {
   const double w = q[0], x = q[1], y = q[2], z = q[3];
   Matrix3d R;

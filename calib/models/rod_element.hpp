@@ -12,9 +12,10 @@ Vector4d turn(const Vector3d& rotation);
 /// turn_b).
 class RodElement {
  public:
+  /// Between two nodes' positions [m] and rotations, `length` at rest.
   RodElement(const Vector3d& ra, const Vector4d& qa, const Vector3d& rb, const Vector4d& qb, double length);
 
-  Vector3d v, k;
+  Vector3d v, k;                                 ///< [-], [1/m]
   const Matrix3d& middle() const { return R_; }  ///< half way
   /// Small turns behind it by those of the ends.
   Matrix36 middle_turns() const;

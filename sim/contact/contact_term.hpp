@@ -24,9 +24,9 @@ enum class GroundKind {
 /// It does not turn. Only nodes are held off: facets between them cut into a curved one by (length)^2 / (8 radius).
 template <int D>
 struct Ground {
-  using Vector = Eigen::Matrix<double, D, 1>;
-  Vector point;   ///< of the plane, the centre, or on the axis [m]
-  Vector normal;  ///< unit length: of the plane; of a cylinder its axis
+  using Vector = Eigen::Matrix<double, D, 1>;  ///< of the space
+  Vector point;                                ///< of the plane, the centre, or on the axis [m]
+  Vector normal;                               ///< unit length: of the plane; of a cylinder its axis
   GroundKind kind = GroundKind::plane;
   double radius = 0;  ///< of what is round [m]
   int node = -1;      ///< of the mesh, whose displacement is w; -1: it does not move

@@ -411,6 +411,7 @@ SurfaceContact<Surface, Settings, Pair>::~SurfaceContact() = default;
 template <class Surface, class Settings, class Pair>
 class SurfaceContact<Surface, Settings, Pair>::Between final : public Term {
  public:
+  /// Of a contact that outlives it.
   Between(const SurfaceContact& contact, Sides sides) : contact_(&contact), sides_(sides) {}
   void assemble(const Point& at, Assembly& out) const override { contact_->assemble(at, &sides_, out); }
   bool depends_on(int index) const override { return contact_->depends_on(index); }
