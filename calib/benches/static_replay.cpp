@@ -125,8 +125,8 @@ void refuse_contradictions(const Experiment& experiment, const Trials& trials) {
 /// The plane section of a solid finds out where its conditions lie. Of no use to models that look back.
 void guide_by_section(const Experiment& experiment, const MeshSettings& settings, const Trials& trials,
                       StaticProtocol& solid) {
-  const bool swept = experiment.geometry.dimension == 2 && settings.depth_cells > 0 && !experiment.geometry.mesh;
-  if (!swept || experiment.remembers() || experiment.contact.sticks || !solid.scene().states.empty()) return;
+  const bool has_section = experiment.geometry.dimension == 2 && settings.depth_cells > 0 && !experiment.geometry.mesh;
+  if (!has_section || experiment.remembers() || experiment.contact.sticks || !solid.scene().states.empty()) return;
   MeshSettings section = settings;
   section.depth_cells = 0;
   std::unique_ptr<StaticProtocol> guide = make_static_replay(experiment, section, trials).protocol;
