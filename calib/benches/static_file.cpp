@@ -26,6 +26,7 @@ void read_specimens(TableReader& root, TableReader& table, Experiment& experimen
   BenchFormat& bench = experiment.bench;
   const std::vector<ParameterSpec> specs = of_specimens(experiment);
   if (auto set = table.optional_table("set")) {
+    set->keys_are_ids();
     for (const ParameterSpec& spec : specs) {
       const std::string column = set->text(spec.id, "");
       if (column.empty()) continue;
@@ -42,6 +43,7 @@ void read_specimens(TableReader& root, TableReader& table, Experiment& experimen
     SpecimenSettings& specimen = experiment.specimens.emplace_back();
     labels.push_back(specimen.id = one.text("id"));
     if (auto set = one.optional_table("set")) {
+      set->keys_are_ids();
       for (const ParameterSpec& spec : specs) {
         if (const auto value = set->optional_quantity(spec.id, quantity_of_si_unit(spec.unit)))
           specimen.set[spec.id] = *value;
@@ -144,6 +146,7 @@ void read_readings(TableReader& root, Experiment& experiment) {
                                               channel.id, kind.name));
   }
   if (auto tolerances = table.optional_table("tolerance")) {
+    tolerances->keys_are_ids();
     for (const BenchFormat::Control& control : bench.controls) {
       if (experiment.set_by.contains(control.id) || !control.labels.empty()) continue;
       if (auto given = tolerances->optional_given(control.id))
