@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "calib/benches/assumptions.hpp"
+#include "calib/benches/control_name.hpp"
 #include "calib/benches/static_bench.hpp"
 #include "sim/core/error.hpp"
 #include "sim/files/tables.hpp"
@@ -130,7 +131,7 @@ void read_readings(TableReader& root, Experiment& experiment) {
   read_history(table, experiment);
   experiment.zero_offset_per = table.text("zero_offset_per", "");
   if (!experiment.zero_offset_per.empty()) {
-    known_id(table, "zero_offset_per", ids_of(bench.controls), "set by the bench");
+    experiment.zero_offset_per = control_named(table, "zero_offset_per", experiment);
     for (const BenchFormat::Channel& channel : bench.channels) {
       if (channel.quantity != Quantity::length)
         table.fail("zero_offset_per",

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <tuple>
 
+#include "calib/benches/control_name.hpp"
 #include "calib/data/trials.hpp"
 #include "calib/files/bench_kinds.hpp"
 #include "sim/core/error.hpp"
@@ -325,7 +326,7 @@ void read_fit(TableReader table, Experiment& experiment) {
   if (auto diagnostic = kind.specimen ? table.optional_table("diagnostic") : std::nullopt) {
     experiment.diagnostic =
         DiagnosticSettings{known_id(*diagnostic, "parameter", ids_of(experiment.free), "a free parameter of the fit"),
-                           known_id(*diagnostic, "per", ids_of(experiment.bench.controls), "set by the bench")};
+                           control_named(*diagnostic, "per", experiment)};
     diagnostic->finish();
   }
   for (TableReader& one : table.tables("variant")) {

@@ -8,6 +8,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <sstream>
+#include <tuple>
 
 #include "tests/support/command.hpp"
 
@@ -218,6 +219,39 @@ TEST_F(Start, ABlankBetweenNumberAndUnitMayBeLeftOutOnTheCommandLine) {
   const Outcome wrong = taut({"replay", file, "--set", "E_strip=3.5MPaa"});
   EXPECT_EQ(wrong.code, 2);
   expect_holds(wrong.err, {"--set E_strip: 'MPaa' is not a unit of pressure"});
+}
+
+TEST_F(Start, BoundsThatAreNotGivenAreThoseOfWhatTheModulusStartsAs) {
+  const std::string file = begun("beam");
+  const std::string toml =
+      replaced(replaced(text_of(folder_ / file), "lower = \"10 kPa\"\n", ""), "upper = \"10 GPa\"\n", "");
+  for (const auto& [start, lower, upper] :
+       {std::tuple{"2 MPa", 100.0, 1e9}, {"3 GPa", 1e6, 1e12}, {"50 MPa", 100.0, 5e9}}) {
+    folder_.write(file, replaced(toml, "E = \"2 MPa\"", fmt::format("E = \"{}\"", start)));
+    const json free = result({"check", file}).at("free");
+    ASSERT_EQ(free.size(), 1u);
+    EXPECT_DOUBLE_EQ(free[0].at("bounds")[0].get<double>(), lower) << start;
+    EXPECT_DOUBLE_EQ(free[0].at("bounds")[1].get<double>(), upper) << start;
+  }
+}
+
+TEST_F(Start, TheRetractionIsUnderstoodWhateverItsColumnIsCalled) {
+  const std::string file = begun("push_puppet");
+  folder_.write("push_puppet/bench.csv",
+                replaced(text_of(folder_ / "push_puppet/bench.csv"), "retraction_mm", "winch_mm"));
+  const std::string toml = replaced(text_of(folder_ / file), "\"retraction_mm\"", "\"winch_mm\"");
+  for (const std::string per : {"retraction", "winch", "winch_mm"}) {
+    std::string text = replaced(toml, "per = \"retraction\"", "per = \"" + per + "\"");
+    text = replaced(text, "[fit.free.slack]", "[fit.free.zero_1]\n\n[fit.free.slack]");
+    folder_.write(file, replaced(text, "trial = \"trial\"", "trial = \"trial\"\nzero_offset_per = \"" + per + "\""));
+    const Outcome check = taut({"check", file});
+    EXPECT_EQ(check.code, 0) << per << check.err;
+    expect_holds(check.out, {"free zero_1"});
+  }
+  folder_.write(file, replaced(toml, "per = \"retraction\"", "per = \"rotation\""));
+  const Outcome wrong = taut({"check", file});
+  EXPECT_EQ(wrong.code, 2);
+  expect_holds(wrong.err, {"[fit.diagnostic] per: 'rotation' is not set by the bench", "allowed: mass, winch"});
 }
 
 TEST_F(Start, RecordingsHaveNoRowsOfControls) {

@@ -122,7 +122,9 @@ TEST_F(SchemaOfFiles, EveryKeyHasAType) {
     each_key(schema(language), language, [&](const std::string& place, const std::string& key, const json& value) {
       EXPECT_FALSE(value.empty()) << place << "." << key
                                   << ": no file shows what stands there; add one to experiments/init/keys";
-      EXPECT_NE(value, json({{"type", "object"}})) << place << "." << key << ": no file has this table";
+      const json open{{"type", "object"}};
+      EXPECT_FALSE(value.contains("items") && value.at("items") == open) << place << "." << key;
+      EXPECT_NE(value, open) << place << "." << key << ": no file has this table";
       ++count;
     });
     EXPECT_GT(count, 150) << language;
