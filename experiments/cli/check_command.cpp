@@ -96,7 +96,7 @@ int check_main(const CommandOptions& options) {
 
 void add_check_options(AddOption add, CommandOptions& options) {
   add("strict", boost::program_options::bool_switch(&options.strict), "exit code 2 when there is a warning");
-  add("rows", boost::program_options::value(&options.rows)->value_name("PLAN"),
+  add("rows", boost::program_options::value(&options.rows)->value_name("FILE"),
       "CSV file with the columns of controls, instead of the bench file, which need not be there");
 }
 

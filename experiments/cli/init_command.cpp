@@ -47,8 +47,6 @@ std::map<std::string, std::string> files_of(const std::string& kind) {
 /// Writes a file to begin with, the bench that belongs to it, and how to measure.
 int init_main(const CommandOptions& options) {
   const std::vector<std::string> kinds = kinds_of_starts();
-  if (options.name.empty())
-    throw InputError("taut init: two words are needed, what to begin with and the folder; usage: taut init KIND DIR");
   if (std::ranges::find(kinds, options.name) == kinds.end())
     throw InputError(fmt::format("taut init: there is no start '{}'{}; allowed: {}", options.name,
                                  did_you_mean(options.name, kinds), join(kinds)));
@@ -87,10 +85,9 @@ int init_main(const CommandOptions& options) {
 
 Command init_command() {
   return {"init",
-          "KIND DIR",
-          fmt::format("Begins an experiment: a commented file with what to measure marked, an empty bench, how to "
-                      "measure. KIND is {}; files that are there stay as they are.",
-                      join(kinds_of_starts())),
+          join(kinds_of_starts(), "|") + " DIR",
+          "Begins an experiment: a commented file with what to measure marked, an empty bench, how to measure. "
+          "Overwrites nothing.",
           "  taut init push_puppet my_module\n"
           "  taut check my_module/experiment.toml   # then: what is missing\n",
           nullptr,

@@ -141,7 +141,7 @@ void add_replay_options(AddOption add, CommandOptions& options) {
   };
   add("set", po::value<std::vector<std::string>>()->value_name("ID=VALUE")->composing()->notifier(keep),
       "a parameter instead of the file's value, with its unit: E_foam=47.3kPa");
-  add("rows", po::value(&options.rows)->value_name("PLAN"),
+  add("rows", po::value(&options.rows)->value_name("FILE"),
       "CSV file with the columns of controls, one row per prediction: instead of the bench file, which need not be "
       "there");
   add("sensitivities", po::bool_switch(&options.sensitivities),
