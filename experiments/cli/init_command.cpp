@@ -54,9 +54,8 @@ int init_main(const CommandOptions& options) {
   const fs::path folder(options.target);
   for (const auto& [name, text] : files) {
     if (fs::exists(folder / name))
-      throw InputError(
-          fmt::format("taut init: {} is there already and is not overwritten; name another folder, or move it",
-                      (folder / name).string()));
+      throw InputError(fmt::format("{} is there already and is not overwritten; name another folder, or move it",
+                                   (folder / name).string()));
   }
   nlohmann::ordered_json written = nlohmann::ordered_json::array();
   for (const auto& [name, text] : files) {
