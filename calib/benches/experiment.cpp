@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "calib/benches/control_name.hpp"
+#include "sim/files/tables.hpp"
 #include "sim/files/toml_reader.hpp"
 
 namespace taut {
@@ -42,6 +44,18 @@ InstrumentNoise read_noise(TableReader& table, Quantity quantity, std::string_vi
   if (noise.absolute < 0 || noise.relative < 0 || noise.resolution < 0) given->fail("", "noise must not be negative");
   given->finish();
   return noise;
+}
+
+std::string control_named(TableReader& table, std::string_view key, const Experiment& experiment) {
+  const std::vector<BenchFormat::Control>& controls = experiment.bench.controls;
+  const std::string named = table.text(key);
+  const auto set_by = std::ranges::find(controls, named, &BenchFormat::Control::column);
+  if (std::ranges::find(controls, named, &BenchFormat::Control::id) == controls.end()) {
+    if (set_by != controls.end()) return set_by->id;
+    const auto& retractions = experiment.cables.columns;
+    if (named == "retraction" && retractions.size() == 1) return retractions.begin()->first;
+  }
+  return known_id(table, key, ids_of(controls), "set by the bench");
 }
 
 }  // namespace taut

@@ -52,6 +52,7 @@ std::map<std::string, double> read_values(TableReader& table, std::string_view k
   std::map<std::string, double> values;
   auto loads = table.optional_table(key);
   if (!loads) return values;
+  loads->keys_are_ids();
   for (const LoadSettings& load : experiment.loads) {
     if (loads->has(load.id)) values[load.id] = loads->quantity(load.id, load.quantity);
   }
@@ -80,6 +81,7 @@ void read_window(TableReader& table, const BenchFormat& bench, RecordingSettings
 void read_rest(TableReader& table, const BenchFormat& bench, RecordingSettings& recording) {
   recording.rest_after = table.positive("after", Quantity::time, "time since the release");
   recording.rest_sigma = table.positive("sigma", bench.channels.front().quantity, "standard deviation");
+  table.keys_are_ids();
   for (const BenchFormat::Channel& channel : bench.channels) {
     if (const auto value = table.optional_quantity(channel.id, channel.quantity)) recording.rest[channel.id] = *value;
   }

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "calib/benches/assumptions.hpp"
+#include "calib/benches/control_name.hpp"
 #include "calib/benches/static_bench.hpp"
 #include "sim/core/error.hpp"
 #include "sim/files/tables.hpp"
@@ -26,6 +27,7 @@ void read_specimens(TableReader& root, TableReader& table, Experiment& experimen
   BenchFormat& bench = experiment.bench;
   const std::vector<ParameterSpec> specs = of_specimens(experiment);
   if (auto set = table.optional_table("set")) {
+    set->keys_are_ids();
     for (const ParameterSpec& spec : specs) {
       const std::string column = set->text(spec.id, "");
       if (column.empty()) continue;
@@ -42,6 +44,7 @@ void read_specimens(TableReader& root, TableReader& table, Experiment& experimen
     SpecimenSettings& specimen = experiment.specimens.emplace_back();
     labels.push_back(specimen.id = one.text("id"));
     if (auto set = one.optional_table("set")) {
+      set->keys_are_ids();
       for (const ParameterSpec& spec : specs) {
         if (const auto value = set->optional_quantity(spec.id, quantity_of_si_unit(spec.unit)))
           specimen.set[spec.id] = *value;
@@ -128,7 +131,7 @@ void read_readings(TableReader& root, Experiment& experiment) {
   read_history(table, experiment);
   experiment.zero_offset_per = table.text("zero_offset_per", "");
   if (!experiment.zero_offset_per.empty()) {
-    known_id(table, "zero_offset_per", ids_of(bench.controls), "set by the bench");
+    experiment.zero_offset_per = control_named(table, "zero_offset_per", experiment);
     for (const BenchFormat::Channel& channel : bench.channels) {
       if (channel.quantity != Quantity::length)
         table.fail("zero_offset_per",
@@ -144,6 +147,7 @@ void read_readings(TableReader& root, Experiment& experiment) {
                                               channel.id, kind.name));
   }
   if (auto tolerances = table.optional_table("tolerance")) {
+    tolerances->keys_are_ids();
     for (const BenchFormat::Control& control : bench.controls) {
       if (experiment.set_by.contains(control.id) || !control.labels.empty()) continue;
       if (auto given = tolerances->optional_given(control.id))

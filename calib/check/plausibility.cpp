@@ -158,7 +158,9 @@ std::vector<Implausible> kinds_of_implausible() {
 std::vector<Finding> implausible(const Bench& bench) {
   const Look look(bench);
   std::vector<Finding> findings;
-  for (const Implausible& kind : kinds_of_implausible()) {
+  // Of a plan, what was not measured cannot be wrong.
+  const bool plan = std::ranges::all_of(bench.readings(), [](const BenchReading& r) { return std::isnan(r.value); });
+  for (const Implausible& kind : plan ? implausible_settings() : kinds_of_implausible()) {
     for (std::string& sentence : kind.find(look)) findings.push_back({kind.name, std::move(sentence)});
   }
   return findings;

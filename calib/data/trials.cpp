@@ -6,12 +6,14 @@
 #include <array>
 #include <cmath>
 #include <map>
+#include <numeric>
 #include <optional>
 #include <set>
 #include <tuple>
 
 #include "calib/data/csv_table.hpp"
 #include "calib/data/number_style.hpp"
+#include "calib/data/plan.hpp"
 #include "sim/core/error.hpp"
 
 namespace taut {
@@ -503,6 +505,18 @@ void exclude(const BenchFormat& format, std::vector<Reading>& readings) {
     throw InputError(format.path + ": all readings are excluded; leave some of them to be fitted");
 }
 
+/// Ids and quantities, without readings.
+Trials trials_without_readings(const Sheet& sheet) {
+  Trials trials;
+  trials.control_values.resize(sheet.format.controls.size());
+  for (size_t i = 0; i < sheet.format.controls.size(); ++i) {
+    trials.control_ids.push_back(sheet.format.controls[i].id);
+    trials.control_quantities.push_back(sheet.controls[i].quantity);
+  }
+  for (const BenchFormat::Channel& channel : sheet.format.channels) trials.channel_ids.push_back(channel.id);
+  return trials;
+}
+
 }  // namespace
 
 double InstrumentNoise::sigma(double reading) const {
@@ -515,14 +529,7 @@ Trials read_trials(const BenchFormat& format) {
   sheet.find_columns();
   sheet.check_rows("reading");
 
-  Trials trials;
-  trials.control_values.resize(format.controls.size());
-  for (size_t i = 0; i < format.controls.size(); ++i) {
-    trials.control_ids.push_back(format.controls[i].id);
-    trials.control_quantities.push_back(sheet.controls[i].quantity);
-  }
-  for (const BenchFormat::Channel& channel : format.channels) trials.channel_ids.push_back(channel.id);
-
+  Trials trials = trials_without_readings(sheet);
   std::map<std::tuple<std::string, std::vector<double>, int, std::array<double, 3>>, int> first_lines;
   for (const Row& row : sheet.table.rows) {
     Reading reading;
@@ -565,7 +572,10 @@ Trials read_trials(const BenchFormat& format) {
   return trials;
 }
 
-std::vector<LoadRow> read_load_rows(const BenchFormat& format, const std::string& path) {
+namespace {
+
+/// A file of controls: what the experiment's bench file may hold besides may be there, and is not read.
+Sheet load_sheet(const BenchFormat& format, const std::string& path) {
   const std::vector<std::string> known = names_of(format);
   Sheet sheet(format, path, known);
   for (const BenchFormat::Control& control : format.controls)
@@ -579,13 +589,78 @@ std::vector<LoadRow> read_load_rows(const BenchFormat& format, const std::string
       sheet.table.fail(header, column, "the experiment knows no such column{}; delete it", did_you_mean(name, known));
   }
   sheet.check_rows("load");
-  std::vector<LoadRow> rows;
   const std::string& dwell = format.history.dwell_column;
   if (!dwell.empty() && find_column(sheet.table, dwell, format.ignored))
     sheet.dwell = sheet.number_column(dwell, {Quantity::time}, "the dwell");
+  return sheet;
+}
+
+}  // namespace
+
+std::vector<LoadRow> read_load_rows(const BenchFormat& format, const std::string& path) {
+  const Sheet sheet = load_sheet(format, path);
+  std::vector<LoadRow> rows;
   for (const Row& row : sheet.table.rows)
     rows.push_back({row.line, sheet.controls_in(row), sheet.time_in(row, sheet.dwell, format.history.dwell)});
   return rows;
+}
+
+std::optional<Trials> read_plan(const BenchFormat& format, const std::string& rows, bool rows_needed) {
+  const bool own = rows.empty();
+  FormatCheck(format).run();
+  Sheet sheet = own ? Sheet(format, format.path, names_of(format)) : load_sheet(format, rows);
+  if (own) {
+    sheet.find_columns();
+    if (rows_needed || !sheet.table.rows.empty()) sheet.check_rows("reading");
+  } else {
+    if (!format.trial_column.empty()) sheet.trial = find_column(sheet.table, format.trial_column, format.ignored);
+    if (!format.channel_column.empty()) sheet.channel = find_column(sheet.table, format.channel_column, format.ignored);
+  }
+  Trials trials = trials_without_readings(sheet);
+  const auto add = [&](Reading reading, const std::vector<size_t>& channels) {
+    for (size_t k = 0; k < reading.controls.size(); ++k) trials.control_values[k].insert(reading.controls[k]);
+    reading.value = reading.sigma = not_a_number;
+    for (const size_t channel : channels) {
+      reading.channel = static_cast<int>(channel);
+      trials.readings.push_back(reading);
+    }
+  };
+  for (const Row& row : sheet.table.rows) {
+    const std::vector<size_t> channels = sheet.channels_in(row);
+    for (const size_t channel : channels) {
+      if (own && !not_taken(row.cells[sheet.values[channel].index])) return std::nullopt;
+    }
+    Reading reading;
+    reading.line = row.line;
+    if (sheet.trial) reading.trial = sheet.text_in(row, *sheet.trial);
+    reading.controls = sheet.controls_in(row);
+    if (!sheet.orders.empty()) reading.order = sheet.number_in(row, sheet.orders.front());
+    if (format.history.counts && !own) {
+      const std::optional<double> dwell = sheet.time_in(row, sheet.dwell, format.history.dwell);
+      if (!dwell)
+        sheet.table.fail(row.line,
+                         "for how long its load acts is not said, and readings depend on it (prony); add a column "
+                         "'{}', or a constant [bench] dwell",
+                         format.history.dwell_column.empty() ? "dwell_s" : format.history.dwell_column);
+      reading.turn.dwell = *dwell;
+    }
+    add(reading, channels);
+  }
+  if (trials.readings.empty()) {  // of labels the first, of numbers none
+    Reading rest;
+    for (const BenchFormat::Control& control : format.controls) rest.controls.push_back(control.labels.empty() ? 0 : 1);
+    std::vector<size_t> all(format.channels.size());
+    std::iota(all.begin(), all.end(), size_t{0});
+    add(rest, all);
+    trials.remarks.emplace_back("no row yet");
+    return trials;
+  }
+  if (own) exclude(format, trials.readings);
+  if (own && format.history.counts) sheet.set_turns(trials.readings);
+  trials.remarks = sheet.remarks_of(trials);
+  trials.remarks.front() = "planned, without readings: " + trials.remarks.front();
+  trials.layout = sheet.table.layout(sheet.style.describe());
+  return trials;
 }
 
 std::map<std::string, std::string> titles_in_file(const std::string& path, const std::vector<std::string>& names) {

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <tuple>
 
+#include "calib/benches/control_name.hpp"
 #include "calib/data/trials.hpp"
 #include "calib/files/bench_kinds.hpp"
 #include "sim/core/error.hpp"
@@ -325,7 +326,7 @@ void read_fit(TableReader table, Experiment& experiment) {
   if (auto diagnostic = kind.specimen ? table.optional_table("diagnostic") : std::nullopt) {
     experiment.diagnostic =
         DiagnosticSettings{known_id(*diagnostic, "parameter", ids_of(experiment.free), "a free parameter of the fit"),
-                           known_id(*diagnostic, "per", ids_of(experiment.bench.controls), "set by the bench")};
+                           control_named(*diagnostic, "per", experiment)};
     diagnostic->finish();
   }
   for (TableReader& one : table.tables("variant")) {
@@ -583,9 +584,8 @@ void read_tables(TableReader& root, Experiment& experiment) {
   }
 }
 
-/// The experiment in a file. `readings`: the bench file; "": where the experiment's file says.
-Experiment read_with_readings(const std::string& path, std::string readings) {
-  const TomlFile file(path);
+/// The experiment in a file at `path`. `readings`: the bench file; "": where the experiment's file says.
+Experiment read_with_readings(const TomlFile& file, const std::string& path, std::string readings) {
   if (file.has("simulation"))
     throw InputError(
         fmt::format("{0}: this file describes a simulation, without a bench; run `taut simulate {0}`", path));
@@ -622,7 +622,11 @@ std::string mesh_copy(const std::string& mesh) {
 }  // namespace
 
 Experiment read_experiment(const std::string& path) {
-  return read_with_readings(path, "");
+  return read_with_readings(TomlFile(path), path, "");
+}
+
+Experiment read_experiment_text(const std::string& path, std::string_view text) {
+  return read_with_readings(TomlFile(path, text), path, "");
 }
 
 std::vector<RunInput> inputs_of(const Experiment& experiment) {
@@ -650,7 +654,8 @@ std::vector<RunInput> inputs_of(const Experiment& experiment) {
 
 Experiment read_copies(const std::string& folder) {
   const auto in_folder = [&](const std::string& name) { return (fs::path(folder) / name).string(); };
-  Experiment experiment = read_with_readings(in_folder("experiment.toml"), in_folder("data.csv"));
+  const std::string file = in_folder("experiment.toml");
+  Experiment experiment = read_with_readings(TomlFile(file), file, in_folder("data.csv"));
   for (const auto& [path, copy] : readings_of(experiment)) *path = in_folder(copy);
   if (const std::string mesh = input_file(experiment.geometry); !mesh.empty())
     set_input_file(experiment.geometry, in_folder(mesh_copy(mesh)));

@@ -1,5 +1,6 @@
 #pragma once
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "calib/benches/experiment.hpp"
@@ -9,6 +10,8 @@ namespace taut {
 /// Reads and checks an experiment file of any kind of bench. Paths in it are relative to it. Throws InputError with
 /// file, line, what is wrong, what is allowed and the nearest known name.
 Experiment read_experiment(const std::string& path);
+/// The same of a text that need not be a file; `path` is what messages call it.
+Experiment read_experiment_text(const std::string& path, std::string_view text);
 
 /// A file that an experiment is read from, and the name of its copy in a run folder.
 struct RunInput {

@@ -3,10 +3,16 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
+#include <set>
 
+#include "calib/benches/material_point_bench.hpp"
+#include "calib/benches/specimens_bench.hpp"
+#include "calib/data/plan.hpp"
 #include "calib/models/beam_model.hpp"
 #include "calib/models/ladder.hpp"
 #include "calib/models/rod_model.hpp"
+#include "sim/core/error.hpp"
 
 namespace taut {
 namespace {
@@ -71,7 +77,34 @@ ModelChoice choose(const Experiment& experiment, const Trials& trials, const Sta
   return choice;
 }
 
+/// The bench of rows that are not measured yet; null: it has readings, or they are needed.
+std::unique_ptr<Bench> open_plan(const Experiment& experiment, const BenchOptions& options) {
+  const bool point = experiment.kind == &material_point_kind;
+  if (!point && experiment.kind != &static_kind) {
+    if (!options.rows.empty())
+      throw InputError(
+          fmt::format("{}: --rows: {} has no rows of controls; leave it out", experiment.path, experiment.kind->about));
+    return nullptr;
+  }
+  if (options.rows.empty() && options.readings == Readings::needed) return nullptr;
+  // Where rows say how large the specimen is, there is none without rows.
+  const bool rows_needed = options.readings != Readings::rows_may_be_missing || !experiment.set_by.empty();
+  std::optional<Trials> trials = read_plan(experiment.bench, options.rows, rows_needed);
+  if (!trials) return nullptr;
+  if (point) return std::make_unique<MaterialPointBench>(experiment, *std::move(trials));
+  return open_static_bench(experiment, *std::move(trials));
+}
+
 }  // namespace
+
+std::optional<int> planned_rows(const Bench& bench) {
+  std::set<int> lines;
+  for (const BenchReading& reading : bench.readings()) {
+    if (!std::isnan(reading.value)) return std::nullopt;
+    if (reading.line > 0) lines.insert(reading.line);
+  }
+  return static_cast<int>(lines.size());
+}
 
 std::unique_ptr<Bench> open_bench(const std::string& path, const BenchOptions& options) {
   return open_bench(read_experiment(path), options);
@@ -80,8 +113,11 @@ std::unique_ptr<Bench> open_bench(const std::string& path, const BenchOptions& o
 std::unique_ptr<Bench> open_bench(Experiment experiment, const BenchOptions& options) {
   experiment.equilibrium.stop = options.stop;
   if (options.threads > 0) experiment.threads = options.threads;
-  const BenchKind& kind = *experiment.kind;
-  std::unique_ptr<Bench> bench = kind.open(std::move(experiment));
+  std::unique_ptr<Bench> bench = open_plan(experiment, options);
+  if (!bench) {
+    const BenchKind& kind = *experiment.kind;
+    bench = kind.open(std::move(experiment));
+  }
   bench->use({start_by_beams, choose});
   return bench;
 }

@@ -10,6 +10,8 @@ namespace taut {
 namespace fs = std::filesystem;
 namespace po = boost::program_options;
 
+Command init_command();
+Command schema_command();
 Command check_command();
 Command draw_command();
 Command replay_command();
@@ -22,9 +24,9 @@ Command chart_command();
 Command report_command();
 
 const std::vector<Command>& all_commands() {
-  static const std::vector<Command> all{check_command(),    draw_command(),  replay_command(),   fit_command(),
-                                        simulate_command(), ik_command(),    optimise_command(), predict_command(),
-                                        chart_command(),    report_command()};
+  static const std::vector<Command> all{init_command(),     schema_command(),  check_command(),    draw_command(),
+                                        replay_command(),   fit_command(),     simulate_command(), ik_command(),
+                                        optimise_command(), predict_command(), chart_command(),    report_command()};
   return all;
 }
 

@@ -161,9 +161,14 @@ void print_readings(const RunRecord& record) {
     std::string controls;
     for (size_t k = 0; k < reading.controls.size(); ++k)
       controls += fmt::format("{}{}", k == 0 ? "" : ", ", text_of(record.controls[k], reading.controls[k]));
+    const WrittenUnit unit = written_unit(channel_axis(record, reading.channel).unit);
+    if (std::isnan(reading.measured)) {  // of a plan
+      fmt::print("{:>5}  {:<12} {:<14} {:<28} {:>11} {:>8.3f} {}\n", reading.line, reading.trial, reading.channel,
+                 controls, "", reading.predicted / unit.factor, unit.label);
+      continue;
+    }
     const double residual = reading.measured - reading.predicted;
     const char* excluded = reading.excluded ? "  not fitted" : "";
-    const WrittenUnit unit = written_unit(channel_axis(record, reading.channel).unit);
     fmt::print("{:>5}  {:<12} {:<14} {:<28} {:>8.3f} {} {:>8.3f} {} {:>6.3f} {} {:>8.2f}{}\n", reading.line,
                reading.trial, reading.channel, controls, reading.measured / unit.factor, unit.label,
                reading.predicted / unit.factor, unit.label, residual / unit.factor, unit.label,

@@ -28,6 +28,16 @@ namespace {
 namespace fs = std::filesystem;
 namespace po = boost::program_options;
 
+/// "47.3kPa" as "47.3 kPa": shells take blanks for ends of words.
+std::string with_blank(const std::string& text) {
+  if (text.find(' ') != std::string::npos) return text;
+  for (size_t end = text.size(); end > 0; --end) {
+    if (parse_number(std::string_view(text).substr(0, end)))
+      return end == text.size() ? text : text.substr(0, end) + " " + text.substr(end);
+  }
+  return text;
+}
+
 /// The file's parameters with what --set says.
 Params parameters_of(const CommandOptions& options, const Bench& bench) {
   const ParameterTable& table = bench.protocol().parameters();
@@ -38,7 +48,7 @@ Params parameters_of(const CommandOptions& options, const Bench& bench) {
           "--set {0}: '{0}' is set by the bench, row by row; change its column in a copy of the bench file", id));
     }
     const int index = table.index(id);
-    p[index] = parse_quantity(text, quantity_of_si_unit(table[index].unit), "--set " + id);
+    p[index] = parse_quantity(with_blank(text), quantity_of_si_unit(table[index].unit), "--set " + id);
     table.check(index, p[index]);
   }
   return p;
@@ -51,7 +61,7 @@ std::string replay_folder(const CommandOptions& options) {
 }
 
 void print_replay(const Replay& replay, const Bench& bench) {
-  if (replay.record.simulated) fmt::print("SIMULATED DATA in the column 'measured'.\n");
+  if (replay.record.simulated && !planned_rows(bench)) fmt::print("SIMULATED DATA in the column 'measured'.\n");
   if (replay.record.swings.empty())
     print_readings(replay.record);
   else
@@ -87,10 +97,13 @@ Replay replay_bench(const CommandOptions& options, const Bench& bench, const Par
 
 /// Simulates every row of the bench: table on stdout; predictions.csv, states as VTU.
 int replay_main(const CommandOptions& options) {
-  const std::unique_ptr<Bench> bench = open_bench(options.target, {options.threads, options.stop});
+  const std::unique_ptr<Bench> bench =
+      open_bench(options.target, {options.threads, options.stop, Readings::may_be_blank, options.rows});
   Progress progress(options.quiet);
   const Params p = parameters_of(options, *bench);
-  progress.say("replaying " + bench->size_text());
+  const std::optional<int> planned = planned_rows(*bench);
+  progress.say(planned ? fmt::format("predicting {} rows without readings", *planned)
+                       : "replaying " + bench->size_text());
   const Replay replay = replay_bench(options, *bench, p);
   const RunRecord& record = replay.record;
   if (!bench->choice().empty()) progress.say(bench->choice());
@@ -127,7 +140,10 @@ void add_replay_options(AddOption add, CommandOptions& options) {
     }
   };
   add("set", po::value<std::vector<std::string>>()->value_name("ID=VALUE")->composing()->notifier(keep),
-      "a parameter instead of the file's value, with its unit");
+      "a parameter instead of the file's value, with its unit: E_foam=47.3kPa");
+  add("rows", po::value(&options.rows)->value_name("FILE"),
+      "CSV file with the columns of controls, one row per prediction: instead of the bench file, which need not be "
+      "there");
   add("sensitivities", po::bool_switch(&options.sensitivities),
       "derivatives of every row with respect to all parameters and controls, and the stiffness at each load: "
       "sensitivities.csv");
@@ -136,13 +152,15 @@ void add_replay_options(AddOption add, CommandOptions& options) {
 }  // namespace
 
 Command replay_command() {
-  return {"replay",
-          "EXPERIMENT",
-          "Simulates every row of the bench with given parameters: table, CSV, VTU.",
-          "  taut replay experiments/silicone_block/experiment.toml\n"
-          "  taut replay experiments/silicone_block/experiment.toml --set E_silicone=\"263.8 kPa\" --out /tmp/replay\n",
-          add_replay_options,
-          replay_main};
+  return {
+      "replay",
+      "EXPERIMENT",
+      "Simulates every row of the bench, or of a plan, with given parameters: table, CSV, VTU. Needs no readings.",
+      "  taut replay experiments/silicone_block/experiment.toml\n"
+      "  taut replay experiments/silicone_block/experiment.toml --set E_silicone=263.8kPa --out /tmp/replay\n"
+      "  taut replay experiments/push_puppet/experiment.toml --rows plan.csv   # plan.csv: the columns of controls\n",
+      add_replay_options,
+      replay_main};
 }
 
 }  // namespace taut

@@ -103,6 +103,7 @@ std::string table_text(const std::vector<std::vector<std::string>>& rows, size_t
 const std::vector<Topic>& all_topics() {
   static const std::vector<Topic> all{
       {"scope", "what taut models and what not", "README.md", "## What it models"},
+      {"start", "how to begin, and benches without readings", experiments, "## A start"},
       {"experiment-file", "tables and keys of an experiment", experiments, "## The experiment file"},
       {"simulation-file", "tables and keys of a simulation", experiments, "## Simulations"},
       {"trajectory-optimisation", "controls over time that reach goals", experiments, "### Trajectory optimisation"},

@@ -221,6 +221,7 @@ void read_contact(TableReader table, Simulation& simulation) {
     table.fail("friction",
                "a coefficient of friction from 0 (which can be changed as contact_friction) to 10 belongs here");
   if (auto pressures = table.optional_table("pressure")) {
+    pressures->keys_are_ids();
     for (const MaterialSettings& material : simulation.materials) {
       if (const auto value = pressures->optional_positive(material.region, Quantity::pressure, "pressure"))
         contact.pressure[material.region] = *value;
@@ -266,6 +267,7 @@ void read_workspace(TableReader table, Simulation& simulation) {
   for (TableReader& one : table.tables("mode")) {
     WorkspaceMode mode;
     mode.name = one.text("name");
+    one.keys_are_ids();
     for (const ControlSettings& control : simulation.controls) {
       if (!one.has(control.id)) continue;
       const std::vector<double> range = one.quantities(control.id, control.quantity, 2);
@@ -285,6 +287,7 @@ void read_workspace(TableReader table, Simulation& simulation) {
 IkTarget read_ik_target(TableReader& one, const Simulation& simulation, const IkSettings& ik, bool path) {
   IkTarget target;
   target.name = one.text("name");
+  one.keys_are_ids();
   for (const ChannelSettings& channel : simulation.channels) {
     const std::optional<Quantity> quantity = target_quantity(channel);
     if (!quantity) continue;
@@ -499,8 +502,9 @@ bool is_simulation(const std::string& path) {
   return TomlFile(path).has("simulation");
 }
 
-Simulation read_simulation(const std::string& path) {
-  const TomlFile file(path);
+namespace {
+
+Simulation simulation_in(const TomlFile& file, const std::string& path) {
   TableReader root = file.root();
   Simulation simulation;
   simulation.path = path;
@@ -516,6 +520,16 @@ Simulation read_simulation(const std::string& path) {
     throw InputError(file.tolerances().begin()->second.where +
                      ": a tolerance counts in the fit of a bench only; give the value alone");
   return simulation;
+}
+
+}  // namespace
+
+Simulation read_simulation(const std::string& path) {
+  return simulation_in(TomlFile(path), path);
+}
+
+Simulation read_simulation_text(const std::string& path, std::string_view text) {
+  return simulation_in(TomlFile(path, text), path);
 }
 
 }  // namespace taut

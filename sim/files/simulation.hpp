@@ -1,5 +1,6 @@
 #pragma once
 #include <string>
+#include <string_view>
 
 #include "sim/robots/simulation.hpp"
 
@@ -10,5 +11,7 @@ bool is_simulation(const std::string& path);
 
 /// Reads and checks a simulation file. Throws InputError with file, line, what is wrong and what is allowed.
 Simulation read_simulation(const std::string& path);
+/// The same of a text that need not be a file; `path` is what messages call it.
+Simulation read_simulation_text(const std::string& path, std::string_view text);
 
 }  // namespace taut

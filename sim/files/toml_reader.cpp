@@ -12,13 +12,37 @@
 
 #include "sim/core/error.hpp"
 #include "sim/core/text_encoding.hpp"
+#include "sim/files/key_table.hpp"
 
 namespace taut {
 
 struct TableReader::Nodes {
   static const toml::table& table(const TableReader& reader) { return *static_cast<const toml::table*>(reader.table_); }
 
+  /// Where what is asked for at a key is noted; null: nowhere.
+  static KeyUse* use_of(TableReader& reader, std::string_view key) {
+    if (reader.keys_ == nullptr) return nullptr;
+    KeyTable& table = *reader.keys_;
+    const auto fixed = table.keys.find(std::string(key));
+    if (fixed != table.keys.end()) return &fixed->second;
+    return reader.ids_ ? table.id.get() : &table.keys[std::string(key)];
+  }
+
+  static void note(TableReader& reader, std::string_view key, KeyForm form) {
+    if (KeyUse* use = use_of(reader, key)) use->forms.insert(form);
+  }
+
+  /// Where readers of a table below, or of tables, note theirs.
+  static KeyTable* below(TableReader& reader, std::string_view key, KeyForm::Kind kind) {
+    KeyUse* use = use_of(reader, key);
+    if (use == nullptr) return nullptr;
+    use->forms.insert({kind});
+    if (!use->table) use->table = std::make_unique<KeyTable>();
+    return use->table.get();
+  }
+
   static const toml::node* find(TableReader& reader, std::string_view key) {
+    use_of(reader, key);
     std::vector<std::string>& asked = reader.asked_;
     if (std::find(asked.begin(), asked.end(), key) == asked.end()) asked.emplace_back(key);
     return table(reader).get(key);
@@ -104,10 +128,18 @@ TomlFile::TomlFile(const std::string& path) : path_(path) {
   }
 }
 
+TomlFile::TomlFile(const std::string& path, std::string_view text) : path_(path) {
+  try {
+    document_ = std::make_shared<const toml::table>(toml::parse(text, path));
+  } catch (const toml::parse_error& error) {
+    throw InputError(fmt::format("{}:{}: not valid TOML: {}", path, error.source().begin.line, error.description()));
+  }
+}
+
 TomlFile::~TomlFile() = default;
 
 TableReader TomlFile::root() const {
-  return {document_.get(), path_, "", tolerances_};
+  return {document_.get(), path_, "", tolerances_, KeyNotes::now()};
 }
 
 bool TomlFile::has(std::string_view key) const {
@@ -137,6 +169,7 @@ bool TableReader::has(std::string_view key) {
 }
 
 std::string TableReader::text(std::string_view key) {
+  Nodes::note(*this, key, {KeyForm::text});
   const auto value = Nodes::get(*this, key).value_exact<std::string>();
   if (!value) fail(key, "a text in quotes belongs here");
   if (value->empty()) fail(key, "the text is empty");
@@ -144,10 +177,12 @@ std::string TableReader::text(std::string_view key) {
 }
 
 std::string TableReader::text(std::string_view key, std::string fallback) {
+  Nodes::note(*this, key, {KeyForm::text});
   return has(key) ? text(key) : std::move(fallback);
 }
 
 std::string TableReader::choice(std::string_view key, const std::vector<std::string>& allowed) {
+  if (KeyUse* use = Nodes::use_of(*this, key)) use->words.insert(allowed.begin(), allowed.end());
   const std::string value = text(key, allowed.front());
   if (std::find(allowed.begin(), allowed.end(), value) == allowed.end()) {
     fail(key, fmt::format("'{}' is not known{}; allowed: {}", value, did_you_mean(value, allowed), join(allowed)));
@@ -156,6 +191,7 @@ std::string TableReader::choice(std::string_view key, const std::vector<std::str
 }
 
 double TableReader::number(std::string_view key) {
+  Nodes::note(*this, key, {KeyForm::number});
   const auto value = Nodes::get(*this, key).value<double>();
   if (!value || !Nodes::get(*this, key).is_number()) fail(key, "a number belongs here");
   if (!std::isfinite(*value)) fail(key, "the number must be finite");
@@ -163,6 +199,7 @@ double TableReader::number(std::string_view key) {
 }
 
 int TableReader::integer(std::string_view key, int fallback, int smallest) {
+  Nodes::note(*this, key, {KeyForm::integer, Quantity::pure, false, 0, smallest});
   if (!has(key)) return fallback;
   const auto value = Nodes::get(*this, key).value_exact<int64_t>();
   if (!value || *value < smallest || *value > 1'000'000'000)
@@ -171,6 +208,7 @@ int TableReader::integer(std::string_view key, int fallback, int smallest) {
 }
 
 bool TableReader::boolean(std::string_view key, bool fallback) {
+  Nodes::note(*this, key, {KeyForm::boolean});
   if (!has(key)) return fallback;
   const auto value = Nodes::get(*this, key).value_exact<bool>();
   if (!value) fail(key, "true or false belongs here");
@@ -178,10 +216,12 @@ bool TableReader::boolean(std::string_view key, bool fallback) {
 }
 
 double TableReader::quantity(std::string_view key, Quantity quantity) {
+  Nodes::note(*this, key, {KeyForm::quantity, quantity});
   return Nodes::quantity(*this, Nodes::get(*this, key), key, quantity);
 }
 
 std::optional<GivenValue> TableReader::optional_given(std::string_view key) {
+  Nodes::note(*this, key, {KeyForm::given});
   if (!has(key)) return std::nullopt;
   const toml::node& node = Nodes::get(*this, key);
   if (const auto value = node.value_exact<std::string>()) return GivenValue{*value, where(key)};
@@ -190,6 +230,7 @@ std::optional<GivenValue> TableReader::optional_given(std::string_view key) {
 }
 
 std::optional<double> TableReader::optional_quantity(std::string_view key, Quantity wanted) {
+  Nodes::note(*this, key, {KeyForm::quantity, wanted});
   if (!has(key)) return std::nullopt;
   return quantity(key, wanted);
 }
@@ -201,11 +242,13 @@ double TableReader::positive(std::string_view key, Quantity wanted, std::string_
 }
 
 std::optional<double> TableReader::optional_positive(std::string_view key, Quantity wanted, std::string_view what) {
+  Nodes::note(*this, key, {KeyForm::quantity, wanted});
   if (!has(key)) return std::nullopt;
   return positive(key, wanted, what);
 }
 
 std::vector<double> TableReader::quantities(std::string_view key, Quantity quantity, size_t count) {
+  Nodes::note(*this, key, {KeyForm::quantity, quantity, true, count});
   std::vector<double> values;
   for (const toml::node& node : Nodes::array(*this, key, count))
     values.push_back(Nodes::quantity(*this, node, key, quantity, values.size() + 1));
@@ -217,6 +260,7 @@ std::vector<double> TableReader::numbers(std::string_view key, size_t count) {
 }
 
 std::vector<std::string> TableReader::texts(std::string_view key) {
+  Nodes::note(*this, key, {KeyForm::text, Quantity::pure, true});
   std::vector<std::string> values;
   for (const toml::node& node : Nodes::array(*this, key, 0)) {
     const auto value = node.value_exact<std::string>();
@@ -228,10 +272,12 @@ std::vector<std::string> TableReader::texts(std::string_view key) {
 }
 
 std::vector<std::string> TableReader::texts_or_none(std::string_view key) {
+  Nodes::note(*this, key, {KeyForm::text, Quantity::pure, true});
   return has(key) ? texts(key) : std::vector<std::string>{};
 }
 
 std::vector<std::string> TableReader::columns_or_none(std::string_view key) {
+  Nodes::note(*this, key, {KeyForm::column, Quantity::pure, true});
   std::vector<std::string> values;
   if (!has(key)) return values;
   for (const toml::node& node : Nodes::array(*this, key, 0)) {
@@ -246,6 +292,7 @@ std::vector<std::string> TableReader::columns_or_none(std::string_view key) {
 }
 
 std::vector<int> TableReader::integers_or_none(std::string_view key, int smallest) {
+  Nodes::note(*this, key, {KeyForm::integer, Quantity::pure, true, 0, smallest});
   std::vector<int> values;
   if (!has(key)) return values;
   for (const toml::node& node : Nodes::array(*this, key, 0)) {
@@ -258,28 +305,34 @@ std::vector<int> TableReader::integers_or_none(std::string_view key, int smalles
 }
 
 TableReader TableReader::table(std::string_view key) {
+  KeyTable* keys = Nodes::below(*this, key, KeyForm::table);
   const toml::node* node = Nodes::find(*this, key);
   if (node == nullptr)
     fail("", fmt::format("the table [{}{}{}] is missing; add it", name_, name_.empty() ? "" : ".", key));
   if (!node->is_table()) fail(key, fmt::format("a table [{}] belongs here", key));
-  return {node->as_table(), file_, name_.empty() ? std::string(key) : name_ + "." + std::string(key), tolerances_};
+  return {node->as_table(), file_, name_.empty() ? std::string(key) : name_ + "." + std::string(key), tolerances_,
+          keys};
 }
 
 std::optional<TableReader> TableReader::optional_table(std::string_view key) {
+  Nodes::below(*this, key, KeyForm::table);
   if (!has(key)) return std::nullopt;
   return table(key);
 }
 
 std::vector<std::pair<std::string, TableReader>> TableReader::named_tables(std::string_view key) {
+  Nodes::below(*this, key, KeyForm::table);
   std::vector<std::pair<std::string, TableReader>> tables;
   if (!has(key)) return tables;
   TableReader parent = table(key);
+  parent.keys_are_ids();
   for (const auto& [name, node] : Nodes::table(parent))
     tables.emplace_back(std::string(name.str()), parent.table(name.str()));
   return tables;
 }
 
 std::vector<TableReader> TableReader::tables(std::string_view key) {
+  KeyTable* keys = Nodes::below(*this, key, KeyForm::tables);
   std::vector<TableReader> readers;
   const toml::node* node = Nodes::find(*this, key);
   if (node == nullptr) return readers;
@@ -288,11 +341,16 @@ std::vector<TableReader> TableReader::tables(std::string_view key) {
   if (array == nullptr || !array->is_array_of_tables())
     fail(key, fmt::format("this is a list of tables; write [[{}]]", name));
   for (const toml::node& element : *array) {
-    readers.push_back(TableReader(element.as_table(), file_, name, tolerances_));
+    readers.push_back(TableReader(element.as_table(), file_, name, tolerances_, keys));
     const auto id = (*element.as_table())["id"].value_exact<std::string>();
     readers.back().place_ += "." + id.value_or(std::to_string(readers.size()));
   }
   return readers;
+}
+
+void TableReader::keys_are_ids() {
+  ids_ = true;
+  if (keys_ != nullptr && !keys_->id) keys_->id = std::make_unique<KeyUse>();
 }
 
 void TableReader::refuse_misspelt() const {

@@ -12,6 +12,7 @@
 namespace taut {
 
 class TableReader;
+struct KeyTable;
 
 /// What stands behind "+-" in a value, "17.0 mm +- 0.1 mm" or "17.0 mm +- 0.6 %": within that of it the true value lies
 /// (95 %).
@@ -27,6 +28,8 @@ class TomlFile {
  public:
   /// Throws InputError naming the path, and the line of what is not TOML.
   explicit TomlFile(const std::string& path);
+  /// The same of a text; `path` is what messages call it, and what paths in it are beside.
+  TomlFile(const std::string& path, std::string_view text);
   ~TomlFile();
   TableReader root() const;              ///< the top of the file
   bool has(std::string_view key) const;  ///< at the top
@@ -92,6 +95,8 @@ class TableReader {
   std::vector<std::pair<std::string, TableReader>> named_tables(std::string_view key);
   /// An array of tables ([[load]], [[load]]); none when it is not there.
   std::vector<TableReader> tables(std::string_view key);
+  /// Says that all keys asked for from now on are ids of the file's own (loads, channels), not words of its language.
+  void keys_are_ids();
 
   /// Throws for the first key that nobody asked for.
   void finish();
@@ -105,17 +110,21 @@ class TableReader {
  private:
   friend class TomlFile;
   struct Nodes;  ///< what needs the TOML library, in the source file
-  TableReader(const void* table, std::string file, std::string name, std::shared_ptr<Tolerances> tolerances)
+  TableReader(const void* table, std::string file, std::string name, std::shared_ptr<Tolerances> tolerances,
+              KeyTable* keys)
       : table_(table),
         file_(std::move(file)),
         name_(std::move(name)),
         place_(name_),
-        tolerances_(std::move(tolerances)) {}
+        tolerances_(std::move(tolerances)),
+        keys_(keys) {}
 
   const void* table_;  ///< a toml::table
   std::string file_, name_;
   std::string place_;  ///< of tolerances: the name, in arrays of tables with the id or, where there is none, the number
   std::shared_ptr<Tolerances> tolerances_;
+  KeyTable* keys_;    ///< where what is asked for is noted (key_table.hpp); null: nowhere
+  bool ids_ = false;  ///< see keys_are_ids()
   std::vector<std::string> asked_;
 };
 
