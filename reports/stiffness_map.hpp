@@ -16,6 +16,10 @@ struct StiffnessMapText {
   std::vector<double> held_at = {};   ///< and their values, SI
 };
 
+/// What interpolating in the map is worth: its errors at points between the nodes, where closing runs between them
+/// apart, as the end of a sentence.
+std::string interpolation_error(const StiffnessMap& map, const StiffnessMapText& text);
+
 /// The map as a table, a node a row: both controls, `stiffness_N_per_m`, the half widths of its 95 % bands of noise and
 /// in all (N/m), whether surfaces touch (0, 1), whether the way there slipped. A state without an equilibrium has no
 /// number. SI; comment lines say how to interpolate and what that is worth.

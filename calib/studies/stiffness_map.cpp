@@ -60,7 +60,7 @@ class Mapper {
       solve_columns();
       fill();
       const std::vector<double> more = where_coarse();
-      if (more.empty() || map_.controls.size() + more.size() > options_.most_controls) break;
+      if (more.empty()) break;
       map_.controls.insert(map_.controls.end(), more.begin(), more.end());
       std::ranges::sort(map_.controls);
     }
@@ -100,19 +100,27 @@ class Mapper {
       const bool between = i >= map_.controls.size();
       for (size_t j = between ? 0 : 1; j < fine_loads_.size(); j += between ? 1 : 2) {
         const double replayed = columns_[all[i]][j].stiffness, interpolated = map_.at(all[i], fine_loads_[j]);
-        if (replayed > 0 && interpolated > 0) map_.checks.push_back({all[i], fine_loads_[j], interpolated, replayed});
+        if (replayed > 0 && interpolated > 0)
+          map_.checks.push_back(
+              {all[i], fine_loads_[j], interpolated, replayed, map_.mixed_at(all[i], fine_loads_[j])});
       }
     }
   }
 
-  /// Middles at which the map is off by more than it may.
+  /// Middles at which the map is off by more than it may, the worst first, as many as there may be more.
   std::vector<double> where_coarse() const {
-    std::vector<double> values = middles();
-    std::erase_if(values, [&](double value) {
-      return std::ranges::none_of(map_.checks, [&](const StiffnessMap::Check& check) {
-        return check.control == value && check.error() > options_.tolerance;
-      });
-    });
+    std::vector<std::pair<double, double>> off;  // error, middle
+    for (const double value : middles()) {
+      double largest = 0;
+      for (const StiffnessMap::Check& check : map_.checks) {
+        if (check.control == value) largest = std::max(largest, check.error());
+      }
+      if (largest > options_.tolerance) off.emplace_back(largest, value);
+    }
+    std::ranges::sort(off, std::greater());
+    off.resize(std::min(off.size(), options_.most_controls - std::min(options_.most_controls, map_.controls.size())));
+    std::vector<double> values;
+    for (const auto& [error, value] : off) values.push_back(value);
     return values;
   }
 
@@ -126,31 +134,56 @@ class Mapper {
 
 }  // namespace
 
-double StiffnessMap::at(double control_value, double load_value) const {
-  if (!(control_value >= controls.front() && control_value <= controls.back())) return not_a_number;
-  if (!(load_value >= loads.front() && load_value <= loads.back())) return not_a_number;
-  const size_t i = interval_of(controls, control_value), j = interval_of(loads, load_value);
-  const double s = (control_value - controls[i]) / (controls[i + 1] - controls[i]);
-  const double t = (load_value - loads[j]) / (loads[j + 1] - loads[j]);
-  double sum = 0;
+namespace {
+
+/// Calls action(weight, node) for the corners of the cell that holds a place, as far as they count there.
+template <class Action>
+void each_corner(const StiffnessMap& map, double control, double load, Action&& action) {
+  const size_t i = interval_of(map.controls, control), j = interval_of(map.loads, load);
+  const double s = (control - map.controls[i]) / (map.controls[i + 1] - map.controls[i]);
+  const double t = (load - map.loads[j]) / (map.loads[j + 1] - map.loads[j]);
   for (const size_t a : {0, 1}) {
     for (const size_t b : {0, 1}) {
       const double weight = (a == 1 ? s : 1 - s) * (b == 1 ? t : 1 - t);
-      if (weight != 0) sum += weight * std::log(node(i + a, j + b).state.stiffness);
+      if (weight != 0) action(weight, map.node(i + a, j + b));
     }
   }
+}
+
+}  // namespace
+
+double StiffnessMap::at(double control_value, double load_value) const {
+  if (!(control_value >= controls.front() && control_value <= controls.back())) return not_a_number;
+  if (!(load_value >= loads.front() && load_value <= loads.back())) return not_a_number;
+  double sum = 0;
+  each_corner(*this, control_value, load_value,
+              [&](double weight, const Node& one) { sum += weight * std::log(one.state.stiffness); });
   return std::exp(sum);
 }
 
-const StiffnessMap::Check* StiffnessMap::worst() const {
-  const auto found = std::ranges::max_element(checks, {}, &Check::error);
-  return found == checks.end() ? nullptr : &*found;
+bool StiffnessMap::mixed_at(double control_value, double load_value) const {
+  bool open = false, closed = false;
+  each_corner(*this, control_value, load_value,
+              [&](double, const Node& one) { (one.state.touching ? closed : open) = true; });
+  return open && closed;
 }
 
-double StiffnessMap::rms_error() const {
-  double sum = 0;
-  for (const Check& check : checks) sum += check.error() * check.error();
-  return checks.empty() ? not_a_number : std::sqrt(sum / static_cast<double>(checks.size()));
+const StiffnessMap::Check* StiffnessMap::worst(bool mixed) const {
+  const Check* found = nullptr;
+  for (const Check& check : checks) {
+    if (check.mixed == mixed && (found == nullptr || check.error() > found->error())) found = &check;
+  }
+  return found;
+}
+
+double StiffnessMap::rms_error(bool mixed) const {
+  double sum = 0, count = 0;
+  for (const Check& check : checks) {
+    if (check.mixed != mixed) continue;
+    sum += check.error() * check.error();
+    ++count;
+  }
+  return count == 0 ? not_a_number : std::sqrt(sum / count);
 }
 
 StiffnessMap stiffness_map(const StiffnessReplay& replay, const std::vector<Share>& shares,

@@ -116,8 +116,9 @@ struct StiffnessMap {
   };
   /// Between nodes: what the map says there, and what a replay does.
   struct Check {
-    double control = 0, load = 0;                                           ///< SI
-    double interpolated = 0, replayed = 0;                                  ///< [N/m]
+    double control = 0, load = 0;           ///< SI
+    double interpolated = 0, replayed = 0;  ///< [N/m]
+    bool mixed = false;                     ///< surfaces touch at some of the nodes around and not at others
     double error() const { return std::abs(interpolated / replayed - 1); }  ///< relative
   };
   size_t control = 0, load = 0;         ///< positions among Bench::controls()
@@ -127,19 +128,22 @@ struct StiffnessMap {
   const Node& node(size_t i, size_t j) const { return nodes[i * loads.size() + j]; }
   /// What the map says [N/m]; NaN outside it, and where a corner has no equilibrium.
   double at(double control, double load) const;
-  const Check* worst() const;  ///< the check with the largest error; null: there is none
-  double rms_error() const;    ///< root of the mean square of the checks' relative errors
+  /// The check with the largest error, of those where closing runs between the nodes around, or of the others; null:
+  /// there is none.
+  const Check* worst(bool mixed) const;
+  double rms_error(bool mixed) const;  ///< root of the mean square of their relative errors; NaN: there is none
+  bool mixed_at(double control, double load) const;  ///< as Check::mixed
 };
 
 /// How fine a map is.
 struct MapOptions {
-  size_t controls = 9, loads = 5;  ///< nodes at first
-  size_t most_controls = 25;       ///< where steps are halved
+  size_t controls = 9, loads = 6;  ///< nodes at first
+  size_t most_controls = 41;       ///< where steps are halved
   double tolerance = 0.03;         ///< relative error of a check beyond which they are
 };
 
 /// The map over [question.lower, question.upper] and [0, largest_load], other controls as question.controls has them.
-/// Steps of the control are halved where a check is off by more than the tolerance.
+/// Steps of the control are halved where a check is off by more than the tolerance, the worst ones first.
 StiffnessMap stiffness_map(const StiffnessReplay& replay, const std::vector<Share>& shares,
                            const TuneQuestion& question, double largest_load, const MapOptions& options = {},
                            const std::function<void(const std::string&)>& progress = {});

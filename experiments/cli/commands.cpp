@@ -23,11 +23,14 @@ Command predict_command();
 Command chart_command();
 Command report_command();
 Command tune_command();
+Command compare_command();
+Command recheck_command();
 
 const std::vector<Command>& all_commands() {
-  static const std::vector<Command> all{check_command(),    draw_command(),  replay_command(),   fit_command(),
-                                        simulate_command(), ik_command(),    optimise_command(), predict_command(),
-                                        tune_command(),     chart_command(), report_command()};
+  static const std::vector<Command> all{check_command(),    draw_command(),    replay_command(),   fit_command(),
+                                        simulate_command(), ik_command(),      optimise_command(), predict_command(),
+                                        tune_command(),     compare_command(), recheck_command(),  chart_command(),
+                                        report_command()};
   return all;
 }
 

@@ -28,6 +28,11 @@ namespace fs = std::filesystem;
 namespace po = boost::program_options;
 using TuneJson = nlohmann::ordered_json;
 
+/// "12.3 mm"; zero in the unit of the control's other values.
+std::string value_text(const Bench& bench, size_t control, double value) {
+  return bench.describe_control(control, value).substr(bench.controls()[control].id.size() + 3);
+}
+
 /// --also "tip<5mm".
 struct Demand {
   std::string text;
@@ -140,10 +145,11 @@ TuneTask task_of(const CommandOptions& options, const Bench& bench, size_t load,
   if (!options.from.empty()) task.question.lower = in_unit_of(axes[control], spaced(options.from), "--from");
   if (!options.to.empty()) task.question.upper = in_unit_of(axes[control], spaced(options.to), "--to");
   if (!(task.question.lower < task.question.upper))
-    throw InputError(fmt::format(
-        "the range of {} is from {} to {}; give a larger end with --to, or a smaller one with "
-        "--from",
-        axes[control].id, text_of(axes[control], task.question.lower), text_of(axes[control], task.question.upper)));
+    throw InputError(
+        fmt::format("the range of {} is from {} to {}; give a larger end with --to, or a smaller one with "
+                    "--from",
+                    axes[control].id, value_text(bench, control, task.question.lower),
+                    value_text(bench, control, task.question.upper)));
   for (const std::string& demand : options.also) task.demands.push_back(demand_of(demand, bench.channels()));
   return task;
 }
@@ -170,9 +176,10 @@ std::string reachable_text(const Tuned& tuned) {
 }
 
 /// "12.3 mm to 12.5 mm"; an open end is that of the range.
-std::string interval_text(const TuneTask& task, const TunedControl& found, const AxisRecord& axis) {
+std::string interval_text(const TuneTask& task, const TunedControl& found, const Bench& bench) {
   const auto end = [&](const std::optional<double>& at, double limit, const char* beyond) {
-    return at ? text_of(axis, *at) : fmt::format("{} {}", beyond, text_of(axis, limit));
+    return at ? value_text(bench, task.question.control, *at)
+              : fmt::format("{} {}", beyond, value_text(bench, task.question.control, limit));
   };
   return end(found.lower95, task.question.lower, "below") + " to " + end(found.upper95, task.question.upper, "above");
 }
@@ -181,20 +188,23 @@ void print_tuned(const TuneTask& task, const Bench& bench, size_t load) {
   const AxisRecord &axis = bench.controls()[task.question.control], &along = bench.controls()[load];
   const std::string wanted = with_unit(task.question.stiffness, "N/m");
   fmt::print("tangent stiffness along {} at {}, {} from {} to {}: {} is reachable\n", along.id,
-             text_of(along, task.question.controls[load]), axis.id, text_of(axis, task.question.lower),
-             text_of(axis, task.question.upper), reachable_text(task.tuned));
+             value_text(bench, load, task.question.controls[load]), axis.id,
+             value_text(bench, task.question.control, task.question.lower),
+             value_text(bench, task.question.control, task.question.upper), reachable_text(task.tuned));
   if (task.tuned.solutions.empty()) fmt::print("no {} there gives {}\n", axis.id, wanted);
   for (const auto& [before, after] : task.tuned.jumps)
-    fmt::print("at {} it jumps over {}, from {} to {}\n", text_of(axis, after.controls[task.question.control]), wanted,
+    fmt::print("at {} it jumps over {}, from {} to {}\n",
+               value_text(bench, task.question.control, after.controls[task.question.control]), wanted,
                with_unit(before.stiffness, "N/m"), with_unit(after.stiffness, "N/m"));
   for (const TunedControl& found : task.tuned.solutions) {
-    fmt::print("{} = {}{}\n", axis.id, text_of(axis, found.settable),
+    fmt::print("{} = {}{}\n", axis.id, value_text(bench, task.question.control, found.settable),
                fulfils(task, found) ? "" : ", but not as --also demands");
-    fmt::print("  95 %: {} with noise and shares, +- {} from noise alone\n", interval_text(task, found, axis),
+    fmt::print("  95 %: {} with noise and shares, +- {} from noise alone\n", interval_text(task, found, bench),
                with_unit(found.half.noise, axis.unit, 2));
     fmt::print("  surfaces {}; {}\n", found.state.touching ? "touch: closed" : "do not touch: open",
                branch_text(found));
-    fmt::print("  replay at {}: {}\n", text_of(axis, found.settable), with_unit(found.replayed, "N/m", 5));
+    fmt::print("  replay at {}: {}\n", value_text(bench, task.question.control, found.settable),
+               with_unit(found.replayed, "N/m", 5));
     for (size_t c = 0; c < bench.channels().size(); ++c)
       fmt::print("  {} = {} +- {}\n", bench.channels()[c].id,
                  with_unit(found.state.readings[c], bench.channels()[c].unit),
@@ -269,20 +279,9 @@ std::string write_map(const RunRecord& record, const Bench& bench, const Stiffne
   std::vector<double> found;
   for (const TunedControl& one : task.tuned.solutions) found.push_back(one.value);
   draw_stiffness_map(map, text, task.question.stiffness, found, folder);
-  json["map"] = {{"folder", folder},
-                 {"nodes", map.nodes.size()},
-                 {"checks", map.checks.size()},
-                 {"rms_relative_error", map.rms_error()}};
-  std::string worth;
-  if (const StiffnessMap::Check* worst = map.worst()) {
-    json["map"]["largest_relative_error"] = worst->error();
-    worth = fmt::format(
-        "; interpolated between its {} nodes it is off by {:.2g} % (root mean square of {} points), at "
-        "most {:.2g} % ({} {}, {} {})",
-        map.nodes.size(), 100 * map.rms_error(), map.checks.size(), 100 * worst->error(), text.control.id,
-        text_of(text.control, worst->control), text.load.id, text_of(text.load, worst->load));
-  }
-  return fmt::format("map: {}/stiffness_map.csv, .json, figures/stiffness_map.svg{}", folder, worth);
+  const std::string worth = interpolation_error(map, text);
+  json["map"] = {{"folder", folder}, {"nodes", map.nodes.size()}, {"checks", map.checks.size()}, {"error", worth}};
+  return fmt::format("map: {}/stiffness_map.csv, .json, figures/stiffness_map.svg; interpolated, {}", folder, worth);
 }
 
 /// Finds the control that gives a stiffness with the parameters and covariance of a run, and maps the stiffness.
