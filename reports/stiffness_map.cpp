@@ -19,9 +19,11 @@ using plot::LegendEntry;
 using plot::Rows;
 
 /// "control 12.34 mm, load 50 g".
-std::string place_of(const StiffnessMapText& text, double control, double load) {
-  return fmt::format("{} {}, {} {}", text.control.id, text_of(text.control, control), text.load.id,
-                     text_of(text.load, load));
+std::string place_of(const StiffnessMap& map, const StiffnessMapText& text, double control, double load) {
+  const DisplayUnit across = display_unit(map.controls.back(), text.control.unit);
+  const DisplayUnit along = display_unit(map.loads.back(), text.load.unit);
+  return fmt::format("{} {:.4g} {}, {} {:.4g} {}", text.control.id, control / across.factor, across.name, text.load.id,
+                     load / along.factor, along.name);
 }
 
 constexpr const char* kRule = "bilinear in the logarithm of the stiffness between the nodes around";
@@ -37,7 +39,7 @@ std::string interpolation_error(const StiffnessMap& map, const StiffnessMapText&
     sentence += fmt::format(
         "{}at {} points half-way between nodes{} it is off by {:.2g} % (root mean square), at most {:.2g} % ({})",
         sentence.empty() ? "" : "; ", count, mixed ? " some of which are closed and some open" : "",
-        100 * map.rms_error(mixed), 100 * worst->error(), place_of(text, worst->control, worst->load));
+        100 * map.rms_error(mixed), 100 * worst->error(), place_of(map, text, worst->control, worst->load));
   }
   return sentence.empty() ? "no point between the nodes could be checked" : sentence;
 }

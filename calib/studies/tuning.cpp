@@ -250,7 +250,17 @@ class TuneSearch {
         kept = 1;
       }
     }
-    tuned_.jumps.emplace_back(std::move(a), std::move(b));
+    add_jump(value_of(a), std::move(a), std::move(b));
+  }
+
+  /// Steps to either side of where the stiffness jumps that one could set; the nearest states where there is none.
+  double settable_step() const { return 1e-3 * (question_.upper - question_.lower); }
+  void add_jump(double at, TunedState before, TunedState after) {
+    TunedState further_before = state_at(std::max(question_.lower, at - settable_step()));
+    TunedState further_after = state_at(std::min(question_.upper, at + settable_step()));
+    if (is_solved(further_before)) before = std::move(further_before);
+    if (is_solved(further_after)) after = std::move(further_after);
+    tuned_.jumps.emplace_back(std::move(before), std::move(after));
   }
 
   std::string text_of(double value) const {
@@ -261,7 +271,7 @@ class TuneSearch {
     TunedControl found;
     found.value = value_of(at);
     say(fmt::format("the interval at {}", text_of(found.value)));
-    const double step = 1e-3 * (question_.upper - question_.lower);
+    const double step = settable_step();
     const double below = std::max(question_.lower, found.value - step);
     const double above = std::min(question_.upper, found.value + step);
     const std::vector<TunedState> near = replay_.at({controls_at(below), controls_at(above)});
@@ -275,6 +285,8 @@ class TuneSearch {
     for (const auto& row : found.state.reading_slopes.rowwise())
       found.reading_half95.push_back(half_widths(replay_.fit(), shares_, row.transpose()).total);
     replay_again(found);
+    // A cliff that the value of four digits falls off is none that one could set.
+    if (!(std::abs(found.replayed / question_.stiffness - 1) < 0.1)) return add_jump(found.value, near[0], near[1]);
     tuned_.solutions.push_back(std::move(found));
   }
 

@@ -94,7 +94,8 @@ struct TunedControl {
 struct Tuned {
   std::vector<TunedControl> solutions;  ///< all, ascending
   std::vector<TunedState> scan;         ///< where it was looked, ascending; those without an equilibrium are left out
-  /// Where the stiffness passes the wanted one in a jump, from one equilibrium to another: the states on either side.
+  /// Where the stiffness passes the wanted one in a jump, or so steeply that a value of four digits misses it by over
+  /// 10 %: the states a thousandth of the range before and after.
   std::vector<std::pair<TunedState, TunedState>> jumps;
   /// Ranges of stiffness that are reachable [N/m]; more than one where the stiffness jumps over what is between.
   std::vector<std::pair<double, double>> reachable;

@@ -193,9 +193,11 @@ void print_tuned(const TuneTask& task, const Bench& bench, size_t load) {
              value_text(bench, task.question.control, task.question.upper), reachable_text(task.tuned));
   if (task.tuned.solutions.empty()) fmt::print("no {} there gives {}\n", axis.id, wanted);
   for (const auto& [before, after] : task.tuned.jumps)
-    fmt::print("at {} it jumps over {}, from {} to {}\n",
-               value_text(bench, task.question.control, after.controls[task.question.control]), wanted,
-               with_unit(before.stiffness, "N/m"), with_unit(after.stiffness, "N/m"));
+    fmt::print("it jumps over {}: at {} it is {}, at {} it is {}\n", wanted,
+               value_text(bench, task.question.control, before.controls[task.question.control]),
+               with_unit(before.stiffness, "N/m"),
+               value_text(bench, task.question.control, after.controls[task.question.control]),
+               with_unit(after.stiffness, "N/m"));
   for (const TunedControl& found : task.tuned.solutions) {
     fmt::print("{} = {}{}\n", axis.id, value_text(bench, task.question.control, found.settable),
                fulfils(task, found) ? "" : ", but not as --also demands");
