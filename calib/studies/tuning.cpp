@@ -250,7 +250,8 @@ class TuneSearch {
         kept = 1;
       }
     }
-    add_jump(value_of(a), std::move(a), std::move(b));
+    const double at = value_of(a);  // before `a` moves on
+    add_jump(at, std::move(a), std::move(b));
   }
 
   /// Steps to either side of where the stiffness jumps that one could set; the nearest states where there is none.

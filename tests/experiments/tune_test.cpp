@@ -1,6 +1,8 @@
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <sstream>
 
@@ -76,25 +78,30 @@ double stiffness_at(double retraction, double K, double k) {
 
 class Tune : public testing::Test {
  protected:
-  /// Readings of the bar itself, to a micrometre, and their fit.
+  /// Readings of the file's own model, to a micrometre, at two pulls [N] and these retractions [mm]; and their fit.
+  static void fit_own_readings(const std::string& run, const std::string& toml, const std::vector<double>& retractions,
+                               double pull) {
+    std::filesystem::create_directory(*folder_ / ("of_" + run));
+    folder_->write("of_" + run + "/bar.toml", toml);
+    std::string csv = "retraction_mm,pull_N,tip_mm\n";
+    for (const double retraction : retractions) {
+      for (const double times : {1.0, 2.0}) csv += fmt::format("{},{},1\n", retraction, times * pull);
+    }
+    const std::string bench = "of_" + run + "/bench.csv", experiment = "of_" + run + "/bar.toml";
+    folder_->write(bench, csv);
+    const json replay =
+        json::parse(done_in(*folder_ / "", {"replay", experiment, "--json", "--quiet", "--out", "replay"}).out);
+    csv = "retraction_mm,pull_N,tip_mm\n";
+    for (const json& row : replay.at("rows"))
+      csv += fmt::format("{:.6g},{:.6g},{:.3f}\n", 1e3 * row.at("controls")[1].get<double>(),
+                         row.at("controls")[0].get<double>(), 1e3 * row.at("predicted_m").get<double>());
+    folder_->write(bench, csv);
+    run_in(*folder_ / "", {"fit", experiment, "--quiet", "--out", run});
+  }
+
   static void SetUpTestSuite() {
     folder_ = new TemporaryFolder;
-    folder_->write("bar.toml", bar_toml);
-    const std::vector<std::pair<double, double>> rows{{0, 0.1}, {0, 0.2}, {5, 0.1}, {5, 0.2}, {10, 0.1}, {10, 0.2}};
-    std::string csv = "retraction_mm,pull_N,tip_mm\n";
-    for (const auto& [retraction, pull] : rows) csv += std::to_string(retraction) + "," + std::to_string(pull) + ",1\n";
-    folder_->write("bench.csv", csv);
-    const json replay =
-        json::parse(done_in(*folder_ / "", {"replay", "bar.toml", "--json", "--quiet", "--out", "replay"}).out);
-    csv = "retraction_mm,pull_N,tip_mm\n";
-    for (const json& row : replay.at("rows")) {
-      char line[100];
-      std::snprintf(line, sizeof line, "%.6g,%.6g,%.3f\n", 1e3 * row.at("controls")[1].get<double>(),
-                    row.at("controls")[0].get<double>(), 1e3 * row.at("predicted_m").get<double>());
-      csv += line;
-    }
-    folder_->write("bench.csv", csv);
-    done_in(*folder_ / "", {"fit", "bar.toml", "--quiet", "--out", "run"});
+    fit_own_readings("run", bar_toml, {0, 5, 10}, 0.1);
     const json fit = json::parse(text_of(*folder_ / "run/fit.json"));
     for (const json& p : fit.at("parameters")) (p.at("id") == "E_foam" ? E_ : k_) = p.at("value").get<double>();
     for (int i : {0, 1}) {
@@ -103,8 +110,8 @@ class Tune : public testing::Test {
   }
   static void TearDownTestSuite() { delete folder_; }
 
-  static Outcome tune(std::vector<std::string> arguments) {
-    arguments.insert(arguments.begin(), {"tune", "run", "--quiet"});
+  static Outcome tune(std::vector<std::string> arguments, const std::string& run = "run") {
+    arguments.insert(arguments.begin(), {"tune", run, "--quiet"});
     return run_in(*folder_ / "", arguments);
   }
   static double bar() { return E_ * kArea / kLength; }
@@ -141,13 +148,59 @@ TEST_F(Tune, TheStiffnessIsThatOfTheReadingsAtNeighbouringLoads) {
   const Outcome outcome = tune({"--stiffness", "403 N/m", "--at", "0.1 N", "--json", "--no-map"});
   ASSERT_EQ(outcome.code, 0) << outcome.err;
   const double at = json::parse(outcome.out).at("tuned")[0].at("solutions")[0].at("value").get<double>();
-  char rows[200];
-  std::snprintf(rows, sizeof rows, "retraction_mm,pull_N\n%.10f,0.099\n%.10f,0.101\n", 1e3 * at, 1e3 * at);
-  folder_->write("rows.csv", rows);
+  folder_->write("rows.csv", fmt::format("retraction_mm,pull_N\n{0:.10f},0.099\n{0:.10f},0.101\n", 1e3 * at));
   const json predicted =
       json::parse(done_in(*folder_ / "", {"predict", "run", "--rows", "rows.csv", "--json", "-q"}).out);
   const auto tip = [&](size_t i) { return predicted.at("rows")[i].at("predicted_m").get<double>(); };
   EXPECT_NEAR(0.002 / (tip(1) - tip(0)), 403, 0.01);
+}
+
+TEST_F(Tune, ACliffOfTheStiffnessIsNoSolution) {
+  // From slack to taut within less than 0.1 um of retraction, which no value of four digits hits.
+  std::string toml = replaced(bar_toml, "k = \"8 N/m\"", "k = \"4 kN/m\"");
+  toml = replaced(toml, "smoothing = \"4 mm\"", "smoothing = \"0.00001 mm\"");
+  toml = replaced(toml, "start = \"5 N/m\"", "start = \"3 kN/m\"");
+  fit_own_readings("cliff", replaced(toml, "upper = \"1 kN/m\"", "upper = \"100 kN/m\""), {0, 5, 5.1}, 0.1);
+  const Outcome outcome = tune({"--stiffness", "1 N/mm", "--to", "5.1 mm", "--no-map", "--json"}, "cliff");
+  EXPECT_EQ(outcome.code, 4) << outcome.err;
+  const json tuned = json::parse(outcome.out).at("tuned")[0];
+  EXPECT_TRUE(tuned.at("solutions").empty());
+  ASSERT_EQ(tuned.at("jumps").size(), 1u);
+  const json& jump = tuned.at("jumps")[0];
+  EXPECT_LT(jump.at("between")[0].get<double>(), kSlack);
+  EXPECT_GT(jump.at("between")[1].get<double>(), kSlack);
+  EXPECT_NEAR(jump.at("stiffness_N_per_m")[0].get<double>(), 400, 1);
+  EXPECT_GT(jump.at("stiffness_N_per_m")[1].get<double>(),
+            2000);  // 4400, were it not for the foam around the cable's end
+}
+
+TEST_F(Tune, AllSolutionsAreListed) {
+  // Across the axis: a cable beside it stiffens the beam as it becomes taut, and its pull softens it from there on.
+  std::string toml = replaced(bar_toml, "[4, 2]", "[8, 2]\nelement = \"quadratic\"");
+  toml = replaced(toml, "E = \"100 kPa\"", "E = \"1 MPa\"");
+  toml = replaced(toml, "k = \"8 N/m\"", "k = \"30 N/m\"");
+  toml = replaced(toml, "slack = \"5 mm\"", "slack = \"2 mm\"");
+  toml = replaced(toml, "smoothing = \"4 mm\"", "smoothing = \"2 mm\"");
+  toml = replaced(toml, "y = [\"6 mm\", \"6 mm\"]", "y = [\"11 mm\", \"11 mm\"]");
+  toml = replaced(toml, "direction = [1, 0]\ncolumn = \"pull_N\"", "direction = [0, -1]\ncolumn = \"pull_N\"");
+  toml = replaced(toml, "direction = [1, 0]\ncolumn = \"tip_mm\"", "direction = [0, -1]\ncolumn = \"tip_mm\"");
+  fit_own_readings("across", toml.substr(0, toml.find("[fit.free.k_cable]")), {0, 5, 8}, 0.02);
+  const json scan =
+      json::parse(tune({"--stiffness", "1 kN/m", "--no-map", "--json"}, "across").out).at("tuned")[0].at("scan");
+  const auto k = [](const json& state) { return state.at("stiffness_N_per_m").get<double>(); };
+  double most = 0;
+  for (const json& state : scan) most = std::max(most, k(state));
+  ASSERT_GT(most, 1.002 * k(scan.front()));
+  ASSERT_LT(k(scan.back()), k(scan.front()));
+  const double wanted = (k(scan.front()) + most) / 2;
+  const Outcome outcome = tune({"--stiffness", fmt::format("{:.8g} N/m", wanted), "--no-map", "--json"}, "across");
+  EXPECT_EQ(outcome.code, 0) << outcome.err;
+  const json found = json::parse(outcome.out).at("tuned")[0].at("solutions");
+  ASSERT_EQ(found.size(), 2u);
+  EXPECT_GT(found[0].at("stiffness_slope").get<double>(), 0);
+  EXPECT_LT(found[1].at("stiffness_slope").get<double>(), 0);
+  EXPECT_LT(found[0].at("value").get<double>(), found[1].at("value").get<double>());
+  for (const json& one : found) EXPECT_NEAR(one.at("replayed_N_per_m").get<double>(), wanted, 1e-3 * wanted);
 }
 
 TEST_F(Tune, WhatCannotBeReachedIsSaidWithTheRangeThatCan) {
