@@ -49,7 +49,11 @@ std::unique_ptr<Bench> Bench::part(size_t /*control*/, double /*held*/) const {
   throw InputError(fmt::format("{}: only readings at rest can be fitted in parts", experiment_.path));
 }
 
-std::unique_ptr<Bench> Bench::at_loads(const std::string& /*path*/) const {
+std::unique_ptr<Bench> Bench::at_loads(const std::string& path) const {
+  return at_rows(trials_at_rest() == nullptr ? std::vector<LoadRow>{} : read_load_rows(experiment_.bench, path));
+}
+
+std::unique_ptr<Bench> Bench::at_rows(const std::vector<LoadRow>& /*rows*/) const {
   throw InputError(fmt::format(
       "{}: its readings run over {}, so that there is no table of loads to predict at; use `taut replay` on "
       "the experiment with --set",

@@ -76,7 +76,10 @@ struct CableState {
 /// else held, where x is the displacement of the load's own place.
 struct TangentStiffness {
   std::string where, load;
-  double value = 0;  ///< k [N/m]
+  double value = 0;              ///< k [N/m]
+  std::vector<double> controls;  ///< of that state, SI, in the order of Bench::controls()
+  bool touching = false;         ///< surfaces of the specimen touch there: the lips of a module are closed
+  bool slipped = false;          ///< the way to it jumped from one equilibrium to another
 };
 
 using Lines = std::vector<std::pair<std::string, std::string>>;  ///< label and text, for people
@@ -160,9 +163,11 @@ class Bench {
   virtual std::unique_ptr<Bench> with(const VariantSettings& variant) const = 0;
   /// The readings at one value of a control alone; benches that have no such parts throw InputError.
   virtual std::unique_ptr<Bench> part(size_t control, double held) const;
-  /// The same model at the controls of a file of loads, without readings; benches without a table of loads throw
-  /// InputError.
-  virtual std::unique_ptr<Bench> at_loads(const std::string& path) const;
+  /// The same model at these controls, all channels of each row, without readings; benches without a table of loads
+  /// throw InputError.
+  virtual std::unique_ptr<Bench> at_rows(const std::vector<LoadRow>& rows) const;
+  /// at_rows() of a file of loads. Throws InputError as read_load_rows() does.
+  std::unique_ptr<Bench> at_loads(const std::string& path) const;
   virtual std::vector<double> values_of(size_t control) const;  ///< distinct ones, ascending [SI]
 
   virtual std::string fit_name() const { return "this fit"; }  ///< beside its variants

@@ -81,8 +81,8 @@ std::unique_ptr<Bench> SpecimensBench::part(size_t control, double held) const {
   return bench;
 }
 
-std::unique_ptr<Bench> SpecimensBench::at_loads(const std::string& path) const {
-  auto bench = std::make_unique<SpecimensBench>(experiment_, trials_at_loads(experiment_, trials_, path));
+std::unique_ptr<Bench> SpecimensBench::at_rows(const std::vector<LoadRow>& rows) const {
+  auto bench = std::make_unique<SpecimensBench>(experiment_, trials_at_rows(experiment_, trials_, rows));
   if (models_.choose) bench->use(models_);
   return bench;
 }

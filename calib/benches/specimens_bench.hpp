@@ -23,7 +23,7 @@ class SpecimensBench final : public Bench {
                                   const Eigen::MatrixXd& covariance, const Ask& ask) const override;
   std::unique_ptr<Bench> with(const VariantSettings& variant) const override;
   std::unique_ptr<Bench> part(size_t control, double held) const override;
-  std::unique_ptr<Bench> at_loads(const std::string& path) const override;
+  std::unique_ptr<Bench> at_rows(const std::vector<LoadRow>& rows) const override;
   std::vector<double> values_of(size_t control) const override;
   std::string model_text() const override { return first().model_text(); }
   int unknowns() const override { return first().unknowns(); }

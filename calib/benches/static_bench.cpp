@@ -402,9 +402,9 @@ Trials trials_at(Trials trials, size_t control, double held) {
   return trials;
 }
 
-Trials trials_at_loads(const Experiment& experiment, Trials there, const std::string& path) {
+Trials trials_at_rows(const Experiment& experiment, Trials there, const std::vector<LoadRow>& rows) {
   there.readings.clear();
-  for (const LoadRow& row : read_load_rows(experiment.bench, path)) {
+  for (const LoadRow& row : rows) {
     for (size_t channel = 0; channel < experiment.channels.size(); ++channel) {
       Reading& reading = there.readings.emplace_back();
       reading.line = row.line;
@@ -422,8 +422,8 @@ std::unique_ptr<Bench> StaticBench::part(size_t control, double held) const {
   return bench;
 }
 
-std::unique_ptr<Bench> StaticBench::at_loads(const std::string& path) const {
-  auto bench = std::make_unique<StaticBench>(experiment_, trials_at_loads(experiment_, trials_, path));
+std::unique_ptr<Bench> StaticBench::at_rows(const std::vector<LoadRow>& rows) const {
+  auto bench = std::make_unique<StaticBench>(experiment_, trials_at_rows(experiment_, trials_, rows));
   if (models_.choose) bench->use(models_);  // which model a load needs is asked anew
   return bench;
 }
@@ -644,30 +644,6 @@ std::string StaticBench::compare_models(const Params& p, const Eigen::VectorXd& 
   return fmt::format(
       "a replay by the chosen models takes {:.2g} s, by the full one {:.2g} s; they differ by at most {:.2g} %{}",
       seconds, took, 100 * largest, doubt);
-}
-
-std::vector<TangentStiffness> StaticBench::tangent_stiffness() const {
-  std::vector<TangentStiffness> found;
-  const StaticProtocol& protocol = model();
-  const Mesh& mesh = protocol.scene().model->mesh();
-  const Setup setup = setup_of(experiment_, experiment_.mesh, trials_);
-  for (const LoadSettings& load : setup.loads) {
-    const bool force = load.quantity == Quantity::force || load.quantity == Quantity::mass;
-    if (!force || load.column.empty() || mesh.dimension() != experiment_.geometry.dimension) continue;
-    const Eigen::VectorXd direction = vector_of(load.direction);
-    const Eigen::VectorXd weights = load.point.empty()
-                                        ? mean_weights(mesh, mesh.select(load.on), direction)
-                                        : point_weights(mesh, locate(mesh, vector_of(load.point)), direction);
-    const int index = protocol.parameters().index(load.id);
-    const double newtons = load.quantity == Quantity::mass ? experiment_.gravity : 1;  // of one unit of the control
-    for (const StaticProtocol::Condition& condition : protocol.conditions()) {
-      const auto known = std::find(condition.sensitivity_of.begin(), condition.sensitivity_of.end(), index);
-      if (condition.report.status != SolveStatus::converged || known == condition.sensitivity_of.end()) continue;
-      const double slope = weights.dot(condition.sensitivities.col(known - condition.sensitivity_of.begin()));
-      found.push_back({protocol.describe(condition), load.id, newtons / slope});
-    }
-  }
-  return found;
 }
 
 SolvedStates StaticBench::states() const {

@@ -17,8 +17,8 @@ void read_readings(TableReader& root, Experiment& experiment);
 Experiment changed_by(Experiment changed, const VariantSettings& variant);
 /// The readings at one value of a control.
 Trials trials_at(Trials trials, size_t control, double held);
-/// All channels at the controls of a file of loads, with what `there` knows besides readings. Throws InputError.
-Trials trials_at_loads(const Experiment& experiment, Trials there, const std::string& path);
+/// All channels at the controls of these rows, with what `there` knows besides readings.
+Trials trials_at_rows(const Experiment& experiment, Trials there, const std::vector<LoadRow>& rows);
 
 /// Readings at rest: loads, prescribed displacements and retractions in the columns of one file. With
 /// model = "rigid_segments" or "solid" that model is the full one here.
@@ -35,7 +35,7 @@ class StaticBench final : public Bench {
                                   const Eigen::MatrixXd& covariance, const Ask& ask) const override;
   std::unique_ptr<Bench> with(const VariantSettings& variant) const override;
   std::unique_ptr<Bench> part(size_t control, double held) const override;
-  std::unique_ptr<Bench> at_loads(const std::string& path) const override;
+  std::unique_ptr<Bench> at_rows(const std::vector<LoadRow>& rows) const override;
   std::vector<double> values_of(size_t control) const override;
   std::string model_text() const override { return model_text_; }
   int unknowns() const override {
@@ -63,6 +63,7 @@ class StaticBench final : public Bench {
   const StaticReplay& replay() const { return protocol_->replay(); }
   const StaticProtocol& model() const { return *replay().protocol; }
   void check_free(const VariantSettings& variant) const;
+  bool touches(const StaticProtocol::Condition& condition) const;
   void find_axes();
   void find_readings();
   std::string series_of(const std::vector<double>& controls) const;

@@ -89,7 +89,7 @@ class Run {
     for (const std::string& remark : record_.fit.remarks) record_.remarks.push_back(remark);
     record_.interrupted = stopped();
     events_.keep(record_);
-    if (!stopped()) after_the_fit();
+    if (!stopped() && !options_.fit_alone) after_the_fit();
     if (stopped()) {
       record_.interrupted = true;
       if (record_.fit.status != FitStatus::interrupted)

@@ -13,6 +13,7 @@ namespace taut {
 struct RunOptions {
   bool variants = true;                     ///< the [[fit.variant]] too
   const std::atomic<bool>* stop = nullptr;  ///< end soon, with what is finished
+  bool fit_alone = false;                   ///< nothing after the fit
 };
 
 /// What a run tells while it goes; nobody listens where nothing is set.

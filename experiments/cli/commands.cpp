@@ -5,6 +5,8 @@
 #include <boost/program_options.hpp>
 #include <filesystem>
 
+#include "sim/core/error.hpp"
+
 namespace taut {
 
 namespace fs = std::filesystem;
@@ -22,11 +24,15 @@ Command optimise_command();
 Command predict_command();
 Command chart_command();
 Command report_command();
+Command tune_command();
+Command compare_command();
+Command recheck_command();
 
 const std::vector<Command>& all_commands() {
   static const std::vector<Command> all{init_command(),     schema_command(),  check_command(),    draw_command(),
                                         replay_command(),   fit_command(),     simulate_command(), ik_command(),
-                                        optimise_command(), predict_command(), chart_command(),    report_command()};
+                                        optimise_command(), predict_command(), tune_command(),     compare_command(),
+                                        recheck_command(),  chart_command(),   report_command()};
   return all;
 }
 
@@ -42,6 +48,19 @@ std::string run_folder(const CommandOptions& options) {
 
 void add_out(AddOption add, CommandOptions& options, const char* what) {
   add("out", po::value(&options.out)->value_name("DIR"), what);
+}
+
+void add_assignments(AddOption add, std::map<std::string, std::string>& values, const char* name, const char* what) {
+  const auto keep = [&values, name](const std::vector<std::string>& settings) {
+    for (const std::string& setting : settings) {
+      const size_t equals = setting.find('=');
+      if (equals == std::string::npos || equals == 0)
+        throw InputError(fmt::format("--{0} {1}: write ID=VALUE, for example --{0} {2}", name, setting,
+                                     std::string_view(name) == "set" ? "E_foam=\"50 kPa\"" : "retraction=\"5 mm\""));
+      values[setting.substr(0, equals)] = setting.substr(equals + 1);
+    }
+  };
+  add(name, po::value<std::vector<std::string>>()->value_name("ID=VALUE")->composing()->notifier(keep), what);
 }
 
 void add_threads(AddOption add, CommandOptions& options) {

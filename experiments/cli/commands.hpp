@@ -17,22 +17,30 @@ enum ExitCode {
   exit_internal = 1,      ///< a fault of taut's own
   exit_input = 2,         ///< wrong usage or wrong input, or output that cannot be written
   exit_solve = 3,         ///< one or more simulations or parts of a run failed; what succeeded is written
-  exit_fit = 4,           ///< the fit or search did not converge
+  exit_fit = 4,           ///< the fit or search did not converge, or found nothing
+  exit_differs = 5,       ///< what was compared differs
   exit_interrupted = 130  ///< Ctrl-C; what was finished is written
 };
 
 /// What was asked for on the command line.
 struct CommandOptions {
-  std::string target;                      ///< experiment file or run folder
-  std::string out;                         ///< run folder, "" for runs/<experiment>
-  std::string name;                        ///< ik: the target that is meant, "" for all; chart: which one
-  bool stream = false;                     ///< ik: targets from stdin
-  std::string rows;                        ///< predict: CSV file of new loads
-  double budget = 300;                     ///< chart: time that its simulations may take [s]
-  std::map<std::string, std::string> set;  ///< replay: parameter values that replace the nominal ones
+  std::string target;                ///< experiment file or run folder
+  std::vector<std::string> further;  ///< compare: the other run folders
+  std::string out;                   ///< run folder, "" for runs/<experiment>
+  std::string name;                  ///< ik: the target that is meant, "" for all; chart: which one; tune: control
+  bool stream = false;               ///< ik: targets from stdin
+  std::string rows;                  ///< predict: CSV file of new loads
+  double budget = 300;               ///< chart: time that its simulations may take [s]
+  std::map<std::string, std::string> set;  ///< replay: parameter values that replace the nominal ones; tune: controls
   bool sensitivities = false;              ///< replay, simulate: derivatives too
   std::string goal;                        ///< simulate: CHANNEL or CHANNEL@TIME whose gradient is asked for
   std::string wrt;                         ///< simulate: the parameters of both, "ID,ID,..."; "" for all
+  std::string stiffness, at, from, to;     ///< tune: what is wanted, the load at which, the range looked at
+  std::string load;                        ///< tune: the load along which
+  std::vector<std::string> also;           ///< tune: conditions on channels
+  bool no_map = false;                     ///< tune: without the map
+  double sigmas = 3;                       ///< compare: beyond which a parameter differs
+  bool no_fit = false;                     ///< recheck: without the fit
   bool json = false;
   bool quiet = false;
   bool no_variants = false;  ///< fit: without the [[fit.variant]] ones
@@ -61,6 +69,7 @@ struct Command {
   int (*run)(const CommandOptions& options) = nullptr;
   /// Where the words go that are no options; the last one is needed.
   std::vector<std::string CommandOptions::*> positional = {&CommandOptions::target};
+  bool several = false;  ///< further words go to CommandOptions::further
 };
 
 /// Name of the folder of an experiment.toml, or of another file without its extension.
@@ -71,6 +80,8 @@ std::string run_folder(const CommandOptions& options);
 /// --out, of commands that write a folder.
 void add_out(AddOption add, CommandOptions& options,
              const char* what = "run folder; default: runs/<name of the experiment's folder>");
+/// --NAME ID=VALUE, as often as one likes.
+void add_assignments(AddOption add, std::map<std::string, std::string>& values, const char* name, const char* what);
 /// --threads, of commands that solve several states at the same time.
 void add_threads(AddOption add, CommandOptions& options);
 

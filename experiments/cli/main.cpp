@@ -40,7 +40,7 @@ void print_help(std::ostream& out) {
   for (const Topic& topic : all_topics()) out << fmt::format("  {:<15} {}\n", topic.name, topic.about);
   out << "\n`taut COMMAND --help` tells a command's options. Data go to stdout, progress to stderr.\n"
          "exit codes: 0 done, 1 internal fault, 2 wrong usage or input, 3 a simulation failed, 4 the fit did not "
-         "converge, 130 interrupted\n";
+         "converge or a search found nothing, 5 what was compared differs, 130 interrupted\n";
 }
 
 /// What the words after the command's name ask for; prints the help and returns nullopt where that is asked for.
@@ -55,7 +55,7 @@ std::optional<CommandOptions> parse(const Command& command, const std::vector<st
   std::vector<std::string> given;
   all.add(visible).add_options()("positional", po::value(&given));
   po::positional_options_description places;
-  places.add("positional", static_cast<int>(command.positional.size()));
+  places.add("positional", command.several ? -1 : static_cast<int>(command.positional.size()));
   po::variables_map values;
   po::store(po::command_line_parser(words).options(all).positional(places).run(), values);
   if (values.count("help") != 0) {
@@ -65,7 +65,12 @@ std::optional<CommandOptions> parse(const Command& command, const std::vector<st
     return std::nullopt;
   }
   po::notify(values);
-  for (size_t i = 0; i < given.size(); ++i) options.*command.positional[i] = given[i];
+  for (size_t i = 0; i < given.size(); ++i) {
+    if (i < command.positional.size())
+      options.*command.positional[i] = given[i];
+    else
+      options.further.push_back(given[i]);
+  }
   if ((options.*command.positional.back()).empty())
     throw InputError(
         fmt::format("taut {0}: {1} is missing; usage: taut {0} {1} [options]", command.name, command.arguments));

@@ -131,16 +131,7 @@ int replay_main(const CommandOptions& options) {
 void add_replay_options(AddOption add, CommandOptions& options) {
   add_out(add, options);
   add_threads(add, options);
-  const auto keep = [&options](const std::vector<std::string>& settings) {
-    for (const std::string& setting : settings) {
-      const size_t equals = setting.find('=');
-      if (equals == std::string::npos || equals == 0)
-        throw InputError(fmt::format("--set {}: write ID=VALUE, for example --set E_foam=\"50 kPa\"", setting));
-      options.set[setting.substr(0, equals)] = setting.substr(equals + 1);
-    }
-  };
-  add("set", po::value<std::vector<std::string>>()->value_name("ID=VALUE")->composing()->notifier(keep),
-      "a parameter instead of the file's value, with its unit: E_foam=47.3kPa");
+  add_assignments(add, options.set, "set", "a parameter instead of the file's value, with its unit: E_foam=47.3kPa");
   add("rows", po::value(&options.rows)->value_name("FILE"),
       "CSV file with the columns of controls, one row per prediction: instead of the bench file, which need not be "
       "there");

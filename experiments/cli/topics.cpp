@@ -116,6 +116,8 @@ const std::vector<Topic>& all_topics() {
       {"sheet", "dimensions of the sheet", experiments, "## The sheet"},
       {"charts", "what `taut chart` draws", experiments, "## Charts"},
       {"run-folder", "what a run writes, and how it goes on", experiments, "## The run folder"},
+      {"tuning", "the retraction for a wanted stiffness", experiments, "## Tuning"},
+      {"comparing-runs", "two calibrations, or one done again", experiments, "## Comparing runs"},
       {"exit-codes", "what the command returns", experiments, "## Exit codes"},
       {"verdicts", "how well the readings determine a parameter", experiments, "## Verdicts"},
       {"intervals", "what an interval counts", experiments, "## Intervals"},

@@ -67,7 +67,8 @@ TEST_F(Command, HelpHasExamplesAndExitCodes) {
   EXPECT_EQ(help.err, "");
   expect_holds(help.out,
                {"examples:", "taut fit experiments/silicone_block/experiment.toml", "commands:", "exit codes:", "130"});
-  for (const std::string command : {"check", "replay", "fit", "predict", "chart", "report"}) {
+  for (const std::string command :
+       {"check", "replay", "fit", "predict", "tune", "compare", "recheck", "chart", "report"}) {
     const Outcome own = taut({command, "--help"});
     EXPECT_EQ(own.code, 0) << command;
     EXPECT_EQ(own.err, "") << command;
@@ -89,8 +90,9 @@ TEST_F(Command, WrongUsageIsExitCodeTwoWithASentenceOnStderr) {
     expect_holds(outcome.err, parts);
     EXPECT_EQ(std::count(outcome.err.begin(), outcome.err.end(), '\n'), 1) << outcome.err;
   };
-  refuses({"fti", experiment_}, {"unknown command 'fti'", "did you mean 'fit'",
-                                 "check, draw, replay, fit, simulate, ik, optimise, predict, chart, report"});
+  refuses({"fti", experiment_},
+          {"unknown command 'fti'", "did you mean 'fit'",
+           "check, draw, replay, fit, simulate, ik, optimise, predict, tune, compare, recheck, chart, report"});
   refuses({"check"}, {"EXPERIMENT is missing", "usage: taut check"});
   refuses({"check", experiment_, "--jsn"}, {"--jsn"});
   refuses({"check", experiment_, "another.toml"}, {"taut --help"});

@@ -151,7 +151,7 @@ TEST_F(Help, VerdictsUnitsAndExitCodesAreThoseOfTheProgram) {
     for (const std::string& unit : units_of(quantity)) all += (all.empty() ? "" : ", ") + unit;
     EXPECT_EQ(row.substr(row.find_first_not_of(' ')), all) << name_of(quantity);
   }
-  for (const char* code : {"0", "1", "2", "3", "4", "130"})
+  for (const char* code : {"0", "1", "2", "3", "4", "5", "130"})
     expect_holds(help("exit-codes"), {"\n" + std::string(code) + " "});
 }
 
