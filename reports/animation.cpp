@@ -144,6 +144,14 @@ void add_values(Json& json, const SimulationRecord& record, const std::vector<si
                     {"decimals", label.decimals()},
                     {"seconds", record.sample_unit == "s" ? label.unit().factor : 0.0},
                     {"values", in_frames(record.samples, label.unit().factor)}};
+  if (const Series* driver = driver_of(record)) {  // time means nothing
+    const WrittenUnit unit = shown_unit(driver->unit, driver->values);
+    json["sample"] = {{"name", driver->meaning.empty() ? driver->id : driver->meaning},
+                      {"unit", unit.label},
+                      {"decimals", 2},
+                      {"seconds", 0.0},
+                      {"values", in_frames(driver->values, unit.factor)}};
+  }
   json["series"] = array_of(all_series(record), [&](const Series* series) {
     const WrittenUnit unit = shown_unit(series->unit, series->values);
     const bool control = series >= record.controls.data() && series < record.controls.data() + record.controls.size();

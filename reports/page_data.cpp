@@ -24,7 +24,7 @@ constexpr std::array<const char*, 4> kLive = {"force_displacement", "residuals",
                                               "stress_strain"};
 
 /// Six digits: no screen shows more. Null for what is not known.
-Json short_number(double value) {
+Json six_digits(double value) {
   if (!std::isfinite(value)) return nullptr;
   return std::stod(fmt::format("{:.6g}", value));
 }
@@ -40,7 +40,7 @@ class Steps {
     const double size = std::max(high_[0] - low_[0], high_[1] - low_[1]);
     step_ = size > 0 && std::isfinite(size) ? size / kShapeSteps : kMillimetre;
   }
-  Json lower() const { return {short_number(low_[0] / kMillimetre), short_number(low_[1] / kMillimetre)}; }
+  Json lower() const { return {six_digits(low_[0] / kMillimetre), six_digits(low_[1] / kMillimetre)}; }
   double step() const { return step_; }
 
   template <class Points>
@@ -124,9 +124,9 @@ Json readings_json(const RunRecord& record, const std::vector<size_t>& shown) {
     lists["channel"].push_back(r.channel);
     lists["series"].push_back(series);
     lists["setting"].push_back(setting_of(record, r));
-    lists["measured"].push_back(short_number(r.measured / unit));
-    lists["sigma"].push_back(short_number(r.sigma / unit));
-    lists["fitted"].push_back(short_number(r.predicted / unit));
+    lists["measured"].push_back(six_digits(r.measured / unit));
+    lists["sigma"].push_back(six_digits(r.sigma / unit));
+    lists["fitted"].push_back(six_digits(r.predicted / unit));
     lists["excluded"].push_back(static_cast<int>(r.excluded));
     const std::string column =
         k < r.controls.size() ? record.controls[k].id + " " + text_of(record.controls[k], r.controls[k]) : "";

@@ -277,6 +277,7 @@ SimulationRecord start_simulation_record(const Simulation& simulation, const Rob
   record.name = file_name_of(experiment_name(simulation.path));
   record.title = simulation.title;
   record.description = simulation.description;
+  record.at_rest = simulation.method == SimulationMethod::quasi_static;
   record.mesh = robot.scene.model->mesh();
   for (const std::string& remark : record.mesh.remarks) record.facts.emplace_back("mesh", remark);
   if (const std::string text = blind_patches(robot); !text.empty()) record.facts.emplace_back("no contact of", text);
