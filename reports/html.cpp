@@ -22,7 +22,7 @@ void remove_between(std::string& text, const std::string& begin, const std::stri
 }
 
 /// The text between two marks from `at` on; "" where they are not.
-std::string between(const std::string& text, size_t at, const std::string& begin, const std::string& end) {
+std::string text_between(const std::string& text, size_t at, const std::string& begin, const std::string& end) {
   const size_t from = text.find(begin, at);
   const size_t to = from == std::string::npos ? from : text.find(end, from + begin.size());
   return to == std::string::npos ? "" : text.substr(from + begin.size(), to - from - begin.size());
@@ -40,11 +40,12 @@ std::string with_contents(std::string body) {
     std::string id, text;
     if (next == h2) {
       id = fmt::format("part-{}", ++parts);
-      text = between(body, next, heading, "</h2>");
+      text = text_between(body, next, heading, "</h2>");
       body.replace(next, heading.size(), fmt::format("<h2 id=\"{}\">", id));
     } else {
-      id = between(body, next, drawn, "\"");
-      text = between(body, next, "data-title=\"", "\"");
+      id = text_between(body, next, drawn, "\"");
+      text = text_between(body, next, "data-title=\"", "\"");
+      if (const size_t end = text.find("DATA: "); end != std::string::npos) text.erase(0, end + 6);  // said above
     }
     links += fmt::format("<li><a href=\"#{}\">{}</a></li>\n", id, text);
     at = next + 1;

@@ -10,6 +10,7 @@
 
 #include "reports/axes.hpp"
 #include "reports/page_texts.hpp"
+#include "sim/core/units.hpp"
 
 namespace taut {
 namespace {
@@ -96,12 +97,23 @@ Json shapes_json(const RunRecord& record, const std::vector<size_t>& shown, cons
   return json;
 }
 
+/// The value of a control as shapes and series name it: none has the unit of what there is of it.
+std::string control_text(const RunRecord& record, size_t c, double value) {
+  const AxisRecord& control = record.controls[c];
+  if (!control.labels.empty() && value < 1) return "none";
+  if (!control.labels.empty() || value != 0) return text_of(control, value);
+  double largest = 0;
+  for (const ReadingRecord& r : record.readings) largest = std::max(largest, std::abs(r.controls.at(c)));
+  const DisplayUnit unit = display_unit(largest, control.unit);
+  return unit.name.empty() || unit.name == "1" ? "0" : "0 " + unit.name;
+}
+
 /// "tip_load 0.51 N, retraction 5.89 mm".
 std::string setting_of(const RunRecord& record, const ReadingRecord& reading) {
   std::string text;
   for (size_t c = 0; c < reading.controls.size(); ++c)
-    text += fmt::format("{}{} {}", c == 0 ? "" : ", ", record.controls[c].id,
-                        text_of(record.controls[c], reading.controls[c]));
+    text +=
+        fmt::format("{}{} {}", c == 0 ? "" : ", ", record.controls[c].id, control_text(record, c, reading.controls[c]));
   return text;
 }
 
@@ -129,7 +141,7 @@ Json readings_json(const RunRecord& record, const std::vector<size_t>& shown) {
     lists["fitted"].push_back(six_digits(r.predicted / unit));
     lists["excluded"].push_back(static_cast<int>(r.excluded));
     const std::string column =
-        k < r.controls.size() ? record.controls[k].id + " " + text_of(record.controls[k], r.controls[k]) : "";
+        k < r.controls.size() ? record.controls[k].id + " " + control_text(record, k, r.controls[k]) : "";
     const auto found = shape_of.find({series, column});
     lists["shape"].push_back(found == shape_of.end() || column.empty() ? -1 : static_cast<int>(found->second));
   }

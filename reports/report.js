@@ -355,7 +355,7 @@ function show_chart(figure, name, go_to_shape) {
       if (p.text) lines.push(p.text);
       if (i !== undefined && R.shape[i] >= 0) lines.push('click or Enter: its shape');
       tip.textContent = lines.filter(Boolean).join('\n');
-      const x = map.X(p.x), y = map.Y(p.y), w = svg.clientWidth, wide = tip.offsetWidth, head = svg.offsetTop;
+      const x = map.X(p.x), y = map.Y(p.y), w = svg.clientWidth, wide = tip.offsetWidth, head = svg.getBoundingClientRect().top - svg.parentElement.getBoundingClientRect().top;
       tip.style.left = Math.max(0, Math.min(w - wide, x > w / 2 ? x - wide - 12 : x + 12)) + 'px';
       tip.style.top = head + Math.max(0, Math.min(svg.clientHeight - tip.offsetHeight, y - tip.offsetHeight / 2)) + 'px';
     }

@@ -1,10 +1,14 @@
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <sstream>
 
 #include "reports/report.hpp"
 #include "reports/simulation_report.hpp"
@@ -90,6 +94,11 @@ class Browser : public testing::Test {
     if (folder_ == nullptr) GTEST_SKIP() << "chromium is not installed: experiments/install browser";
   }
 
+  /// The series that has no retraction as benches call it.
+  static std::string with_zero(const std::string& series) {
+    return series == "retraction 0.00 mm" ? "retraction 0 mm" : series;
+  }
+
   static RunRecord record() {
     RunRecord record = test::push_puppet_module();
     for (ReadingRecord& reading : record.readings) {
@@ -97,6 +106,8 @@ class Browser : public testing::Test {
       reading.controls[0] /= 9.80665;
     }
     record.controls[0] = make_axis("mass", Quantity::mass, "mass");
+    for (std::string& series : record.series) series = with_zero(series);
+    for (CurveRecord& curve : record.curves) curve.series = with_zero(curve.series);
     return record;
   }
 
@@ -147,6 +158,145 @@ TEST_F(Browser, PagesFitPhonesAndDesktopsInLightAndDarkWithTextOfElevenPixelsAnd
       }
     }
   }
+}
+
+/// Steps that all tests of charts begin with.
+const char* const kChart = R"js(
+    const chart = name => page.querySelector('#figure-' + name + ' .live');
+    const key = (element, name) => element.dispatchEvent(new view.KeyboardEvent('keydown', {key: name, bubbles: true}));
+    const graph = name => chart(name).querySelector('svg[tabindex]');
+    const marks = name => graph(name).querySelectorAll('path[transform]').length;
+)js";
+
+TEST_F(Browser, AReadingSaysItsLineTrialValueAndResidual) {
+  const RunRecord run = record();
+  const Json seen = look("run/report.html", 1280, false, std::string(kChart) + R"js(
+    for (const name of ['force_displacement', 'residuals']) {
+      key(graph(name), 'ArrowRight');
+      key(graph(name), 'ArrowRight');
+      seen[name] = chart(name).querySelector('.tip').textContent;
+    }
+  )js");
+  ASSERT_FALSE(seen.contains("error")) << seen;
+  const ReadingRecord& second = run.readings[1];
+  const std::string minus = "−";
+  const auto written = [&](double value, int digits) {
+    const std::string text = fmt::format("{:.{}g}", value, digits);
+    return text[0] == '-' ? minus + text.substr(1) : text;
+  };
+  const double miss = 1e3 * (second.measured - second.predicted);
+  const std::string expected = fmt::format(
+      "line {}, trial {}, {}\nmass 50 g, retraction 0 mm\nmeasured {} ± {} mm\nfitted {} mm\nresidual {} mm ({} σ)",
+      second.line, second.trial, second.channel, written(1e3 * second.measured, 4), written(1e3 * second.sigma, 2),
+      written(1e3 * second.predicted, 4), written(miss, 3), written(miss / (1e3 * second.sigma), 3));
+  for (const char* name : {"force_displacement", "residuals"})
+    EXPECT_EQ(seen[name].get<std::string>().substr(0, expected.size()), expected);
+}
+
+TEST_F(Browser, SeriesAndTrialsSwitchOffAndOnAndZoomShowsLess) {
+  const Json seen = look("run/report.html", 1280, false, std::string(kChart) + R"js(
+    const buttons = [...chart('force_displacement').querySelectorAll('.switches button')];
+    seen.buttons = buttons.map(b => b.textContent);
+    seen.all = marks('force_displacement');
+    buttons[1].click();
+    seen.without_series = marks('force_displacement');
+    seen.pressed = buttons[1].getAttribute('aria-pressed');
+    buttons[buttons.length - 1].click();
+    seen.without_trial = marks('force_displacement');
+    buttons[1].click();
+    buttons[buttons.length - 1].click();
+    seen.again = marks('force_displacement');
+    const tics = () => [...graph('force_displacement').querySelectorAll('text[text-anchor=middle]')].map(t => parseFloat(t.textContent)).filter(isFinite);
+    const span = list => Math.max(...list) - Math.min(...list);
+    seen.wide = span(tics());
+    key(graph('force_displacement'), '+');
+    key(graph('force_displacement'), '+');
+    seen.narrow = span(tics());
+    key(graph('force_displacement'), '0');
+    seen.wide_again = span(tics());
+  )js");
+  ASSERT_FALSE(seen.contains("error")) << seen;
+  EXPECT_EQ(seen["buttons"].size(), 4 + 3) << seen["buttons"];  // retractions, trials
+  EXPECT_EQ(seen["all"], 48);
+  EXPECT_EQ(seen["without_series"], 36);
+  EXPECT_EQ(seen["pressed"], "false");
+  EXPECT_EQ(seen["without_trial"], 24);
+  EXPECT_EQ(seen["again"], 48);
+  EXPECT_LT(seen["narrow"].get<double>(), 0.8 * seen["wide"].get<double>());
+  EXPECT_EQ(seen["wide_again"], seen["wide"]);
+}
+
+TEST_F(Browser, APointOfTheStiffnessShowsTheShapeOfItsConditionWhereTheRecordHasIt) {
+  const RunRecord run = record();
+  const Json seen = look("run/report.html", 1280, false, std::string(kChart) + R"js(
+    key(graph('effective_stiffness'), 'ArrowRight');
+    key(graph('effective_stiffness'), 'Enter');
+    const pinned = chart('effective_stiffness').querySelector('.pinned');
+    seen.label = pinned.querySelector('b').textContent;
+    seen.tip = chart('effective_stiffness').querySelector('.tip').textContent;
+    // Twice the outline's width in mm, by the scale bar.
+    const outline = pinned.querySelector('path[stroke="var(--ink)"]').getBBox();
+    const bar = pinned.querySelector('path[stroke="var(--soft)"]').getBBox(), mm = parseFloat(pinned.querySelector('text').textContent);
+    seen.width = outline.width / bar.width * mm;
+    seen.cables = pinned.querySelectorAll('path[stroke="var(--cable)"]').length;
+    const shapes = page.querySelector('#figure-deformed_shapes .live');
+    seen.viewer = [...shapes.querySelectorAll('output')].map(o => o.textContent);
+    seen.read = shapes.querySelector('.note').textContent;
+    const sliders = shapes.querySelectorAll('input');
+    sliders[0].value = 2;
+    sliders[0].dispatchEvent(new view.Event('input'));
+    seen.next = [...shapes.querySelectorAll('output')].map(o => o.textContent);
+  )js");
+  ASSERT_FALSE(seen.contains("error")) << seen;
+  EXPECT_EQ(seen["label"], "Shape: retraction 0 mm, mass 50 g");
+  // Load over displacement of the first reading.
+  const ReadingRecord& first = run.readings[0];
+  EXPECT_NE(
+      seen["tip"].get<std::string>().find(fmt::format("stiffness {:.4g} ± ", run.load_newtons[0] / first.measured)),
+      std::string::npos)
+      << seen["tip"];
+  double left = INFINITY, right = -INFINITY;
+  for (const auto& [x0, y0, x1, y1] : run.shapes[2].segments) {
+    left = std::min({left, x0, x1});
+    right = std::max({right, x0, x1});
+  }
+  EXPECT_NEAR(seen["width"].get<double>(), 1e3 * (right - left), 0.3);
+  EXPECT_EQ(seen["cables"], 2);
+  EXPECT_EQ(seen["viewer"], Json({"retraction 0 mm", "mass 50 g"}));
+  EXPECT_NE(seen["read"].get<std::string>().find("tip: measured 3.55, 3.52, 3.56; fitted"), std::string::npos)
+      << seen["read"];
+  EXPECT_EQ(seen["next"], Json({"retraction 11.79 mm", "mass 50 g"}));
+}
+
+TEST_F(Browser, TablesSortByNumberWhateverTheUnitAndContentsLeadToEveryPart) {
+  const Json seen = look("run/report.html", 1280, false, std::string(kChart) + R"js(
+    const table = [...page.querySelectorAll('table')].find(t => t.textContent.includes('Residual / σ'));
+    const head = [...table.querySelectorAll('thead th')].find(h => h.textContent.includes('Measured'));
+    const column = () => [...table.tBodies[0].rows].map(row => parseFloat(row.cells[[...head.parentElement.cells].indexOf(head)].textContent));
+    head.querySelector('button').click();
+    seen.up = column();
+    seen.order = head.getAttribute('aria-sort');
+    head.querySelector('button').click();
+    seen.down = column();
+    seen.links = [...page.querySelectorAll('nav a')].map(a => a.getAttribute('href'));
+    seen.missing = seen.links.filter(href => !page.querySelector(href));
+    seen.scopes = [...page.querySelectorAll('th:not([scope])')].length;
+    seen.pictures = [...page.querySelectorAll('svg[role=img]')].filter(s => !s.getAttribute('aria-label')).length;
+    seen.map = [...page.querySelectorAll('#correlations td')].map(td => td.style.background);
+  )js");
+  ASSERT_FALSE(seen.contains("error")) << seen;
+  std::vector<double> up = seen["up"], down = seen["down"];
+  EXPECT_EQ(up.size(), 48);
+  EXPECT_TRUE(std::ranges::is_sorted(up));
+  EXPECT_EQ(seen["order"], "ascending");
+  std::ranges::reverse(down);
+  EXPECT_TRUE(std::ranges::is_sorted(down));
+  EXPECT_GE(seen["links"].size(), 10u);
+  EXPECT_TRUE(seen["missing"].empty()) << seen["missing"];
+  EXPECT_EQ(seen["scopes"], 0);
+  EXPECT_EQ(seen["pictures"], 0);
+  ASSERT_EQ(seen["map"].size(), 4);
+  EXPECT_EQ(seen["map"][1], "rgba(213, 94, 0, 0.5)");  // -0.83: 0.6 of it
 }
 
 }  // namespace
