@@ -437,6 +437,13 @@ std::optional<Drawing> force_displacement(const RunRecord& record) {
           units.row(line("curve", group.channel, group.series, "", "", load, x, se, x - half, x + half), group.channel);
     }
     band.draw(sheet.page, group.colour, sheet.curves[group.panel]);
+    for (const CurveRecord& start : record.start_curves) {  // for the numbers and the page's own figure
+      if (start.channel != group.channel || start.series != group.series) continue;
+      for (size_t i = 0; i < start.load.size(); ++i)
+        csv += units.row(line("start", group.channel, group.series, "", "", start.load[i],
+                              group.sign * start.value.at(i) / unit, "", "", ""),
+                         group.channel);
+    }
   }
   for (size_t c = 0; c < groups.channels.size(); ++c) {
     const std::string& channel = groups.channels[c];

@@ -142,10 +142,10 @@ function show_shapes(figure) {
   for (const region of S.regions) key.append(make('i', {style: `display:inline-block;width:1.2em;height:.8em;margin:0 .4em;background:${region.colour}`}), region.name);
   if (S.states.some(state => state.cables.length))
     key.append(make('i', {style: 'display:inline-block;width:1.2em;height:.2em;margin:0 .4em .25em .8em;background:var(--cable)'}), 'cable');
-  if (resting >= 0) key.append(' Dashed: at rest.');
+  if (resting >= 0) key.append(make('span', {style: 'margin-left:.8em'}, 'Dashed: at rest.'));
   key.append(` To scale, seen along ${S.axes[0]} and ${S.axes[1]}.`);
   if (S.states.length < D.stored) key.append(` ${S.states.length} of ${D.stored} stored shapes (thinned out to keep this file small).`);
-  const live = make('div', {class: 'live'}, make('h3', {}, 'Deformed shapes'),
+  const live = make('div', {class: 'live'}, make('h3', {}, (D.simulated ? 'SIMULATED DATA: ' : '') + 'Deformed shapes'),
     ...(rows.length > 1 ? [make('div', {class: 'slide'}, make('span', {}, 'Held'), held, held_text)] : []),
     make('div', {class: 'slide'}, make('span', {}, rows.length > 1 ? 'Load' : 'Condition'), load, text, play),
     make('div', {class: 'panel'}, make('div', {class: 'head'}, make('b', {}, ''), ...zoom_buttons('shapes', zoom)), svg), read, key,
@@ -211,21 +211,21 @@ const kFigures = {
     const [value, sigma, low, high] = heads.slice(6);
     return {title: 'Force and ' + (value === 'value' ? 'readings' : value.replace(/_.*/, '')), y: bracketed(D.load.label, D.load.unit),
       x: channel => bracketed(channel.label, channel.unit), zero: true,
-      item: r => ({x: +r[value], y: +r.load_N, x0: r.kind === 'reading' ? r[value] - r[sigma] : number(r[low]), x1: r.kind === 'reading' ? +r[value] + +r[sigma] : number(r[high])})};
+      item: r => ({x: number(r[value]), y: number(r.load_N), x0: r.kind === 'reading' ? r[value] - r[sigma] : number(r[low]), x1: r.kind === 'reading' ? +r[value] + +r[sigma] : number(r[high])})};
   },
   residuals(rows) {
     const loads = rows.some(r => r.load_N !== '');
     return {title: 'What the fitted model misses', y: '(measured − fitted) / σ', x: () => loads ? bracketed(D.load.label, D.load.unit) : 'reading', expected: 1.96,
-      item: (r, i) => ({x: loads ? +r.load_N : i + 1, y: +r.normalised_residual, y0: +r.normalised_residual - 1, y1: +r.normalised_residual + 1})};
+      item: (r, i) => ({x: loads ? number(r.load_N) : i + 1, y: number(r.normalised_residual), y0: number(r.normalised_residual) - 1, y1: number(r.normalised_residual) + 1})};
   },
   effective_stiffness() {
     return {title: 'Effective stiffness', y: 'force / displacement [N/m]', x: () => bracketed(D.load.label, D.load.unit), logarithmic: true,
-      item: r => ({x: +r.load_N, y: number(r.kind === 'at_least' ? r.band_lower_N_per_m : r.stiffness_N_per_m), y0: number(r.band_lower_N_per_m), y1: number(r.band_upper_N_per_m),
+      item: r => ({x: number(r.load_N), y: number(r.kind === 'at_least' ? r.band_lower_N_per_m : r.stiffness_N_per_m), y0: number(r.band_lower_N_per_m), y1: number(r.band_upper_N_per_m),
         text: r.kind === 'at_least' ? `stiffness at least ${digits(+r.band_lower_N_per_m)} N/m` : r.stiffness_N_per_m && `stiffness ${digits(+r.stiffness_N_per_m)} ± ${digits(number(r.sigma_N_per_m), 2)} N/m`})};
   },
   stress_strain() {
     return {title: 'Stress and strain', y: 'stress [kPa]', x: () => 'engineering strain', zero: true,
-      item: r => ({x: +r.strain, y: +r.stress_kPa, y0: r.kind === 'reading' ? r.stress_kPa - r.sigma_kPa : number(r.band_lower_kPa), y1: r.kind === 'reading' ? +r.stress_kPa + +r.sigma_kPa : number(r.band_upper_kPa)})};
+      item: r => ({x: number(r.strain), y: number(r.stress_kPa), y0: r.kind === 'reading' ? r.stress_kPa - r.sigma_kPa : number(r.band_lower_kPa), y1: r.kind === 'reading' ? +r.stress_kPa + +r.sigma_kPa : number(r.band_upper_kPa)})};
   },
 };
 
@@ -274,7 +274,7 @@ function show_chart(figure, name, go_to_shape) {
     // A long bar of one poor reading does not squeeze the rest.
     const ys = mine.map(p => p.y), positive = ys.every(y => y > 0), logarithmic = Boolean(spec.logarithmic) && positive && Math.max(...ys) / Math.min(...ys) > 8;
     const whole = () => {
-      const shown = mine.filter(p => !hides(p)), from = shown.length ? shown : mine;
+      const shown = mine.filter(p => !hides(p) && p.kind !== 'start'), from = shown.length ? shown : mine;
       const [x0, x1] = range_of(from.flatMap(p => p.point ? [p.x, p.x0 ?? NaN, p.x1 ?? NaN] : [p.x]), spec.zero || name !== 'force_displacement');
       let [y0, y1] = range_of(from.map(p => p.y).concat(spec.expected ? [-2.6, 2.6] : []), spec.zero);
       if (logarithmic) { const real = from.map(p => p.y); y0 = Math.min(...real) / 1.2; y1 = Math.max(...real) * 1.2; }

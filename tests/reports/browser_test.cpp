@@ -108,6 +108,10 @@ class Browser : public testing::Test {
     record.controls[0] = make_axis("mass", Quantity::mass, "mass");
     for (std::string& series : record.series) series = with_zero(series);
     for (CurveRecord& curve : record.curves) curve.series = with_zero(curve.series);
+    record.start_curves = record.curves;
+    for (CurveRecord& curve : record.start_curves) {
+      for (double& value : curve.value) value /= 2;
+    }
     return record;
   }
 
@@ -201,10 +205,10 @@ TEST_F(Browser, SeriesAndTrialsSwitchOffAndOnAndZoomShowsLess) {
     buttons[1].click();
     seen.without_series = marks('force_displacement');
     seen.pressed = buttons[1].getAttribute('aria-pressed');
-    buttons[buttons.length - 1].click();
+    buttons[6].click();
     seen.without_trial = marks('force_displacement');
     buttons[1].click();
-    buttons[buttons.length - 1].click();
+    buttons[6].click();
     seen.again = marks('force_displacement');
     const tics = () => [...graph('force_displacement').querySelectorAll('text[text-anchor=middle]')].map(t => parseFloat(t.textContent)).filter(isFinite);
     const span = list => Math.max(...list) - Math.min(...list);
@@ -214,9 +218,17 @@ TEST_F(Browser, SeriesAndTrialsSwitchOffAndOnAndZoomShowsLess) {
     seen.narrow = span(tics());
     key(graph('force_displacement'), '0');
     seen.wide_again = span(tics());
+    // Half of the fitted curve: the start's ends stand half as far from the axis of the load.
+    const ends = dashed => [...graph('force_displacement').querySelectorAll('g path[fill=none]')]
+      .filter(p => Boolean(p.getAttribute('stroke-dasharray')) === dashed && p.getAttribute('d').includes('L') && p.getAttribute('stroke-width') === '1.8')
+      .map(p => parseFloat(p.getAttribute('d').match(/L([-\d.]+) [-\d.]+$/)[1]));
+    seen.fitted = ends(false);
+    seen.start = ends(true);
+    buttons[buttons.length - 1].click();
+    seen.no_start = ends(true);
   )js");
   ASSERT_FALSE(seen.contains("error")) << seen;
-  EXPECT_EQ(seen["buttons"].size(), 4 + 3) << seen["buttons"];  // retractions, trials
+  EXPECT_EQ(seen["buttons"].size(), 4 + 3 + 1) << seen["buttons"];  // retractions, trials, start
   EXPECT_EQ(seen["all"], 48);
   EXPECT_EQ(seen["without_series"], 36);
   EXPECT_EQ(seen["pressed"], "false");
@@ -224,6 +236,12 @@ TEST_F(Browser, SeriesAndTrialsSwitchOffAndOnAndZoomShowsLess) {
   EXPECT_EQ(seen["again"], 48);
   EXPECT_LT(seen["narrow"].get<double>(), 0.8 * seen["wide"].get<double>());
   EXPECT_EQ(seen["wide_again"], seen["wide"]);
+  ASSERT_EQ(seen["start"].size(), 4);
+  ASSERT_EQ(seen["fitted"].size(), 4);
+  constexpr double axis = 52;  // px
+  for (size_t i = 0; i < 4; ++i)
+    EXPECT_NEAR(seen["start"][i].get<double>() - axis, (seen["fitted"][i].get<double>() - axis) / 2, 0.2);
+  EXPECT_TRUE(seen["no_start"].empty());
 }
 
 TEST_F(Browser, APointOfTheStiffnessShowsTheShapeOfItsConditionWhereTheRecordHasIt) {
