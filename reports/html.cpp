@@ -45,7 +45,9 @@ std::string with_contents(std::string body) {
     } else {
       id = text_between(body, next, drawn, "\"");
       text = text_between(body, next, "data-title=\"", "\"");
-      if (const size_t end = text.find("DATA: "); end != std::string::npos) text.erase(0, end + 6);  // said above
+      for (const std::string said : {"SIMULATED DATA: ", "Simulation: "}) {  // above the page
+        if (text.starts_with(said)) text.erase(0, said.size());
+      }
     }
     links += fmt::format("<li><a href=\"#{}\">{}</a></li>\n", id, text);
     at = next + 1;

@@ -19,29 +19,18 @@ using html::escaped;
 
 constexpr size_t kLargestInline = 2'000'000;  // bytes of a figure within the page
 
-std::string meaning_of(const Series& series) {
-  return series.meaning.empty() ? series.id : series.meaning;
-}
-
-/// "12.5 mm", in the unit in which figures show the series.
-std::string shown_value(const Series& series, size_t sample) {
-  const WrittenUnit unit = shown_unit(series.unit, series.values);
-  return fmt::format("{:.4g}{}{}", series.values[sample] / unit.factor + 0.0, unit.label.empty() ? "" : " ",
-                     unit.label);
-}
-
 /// "tip_angle goes from 0 deg at 0 mm of retraction to -89.2 deg at 17.1 mm", and what it reaches in between.
 std::string course_of(const Series& x, const Series& y) {
   std::vector<size_t> known;
   for (size_t k = 0; k < y.values.size(); ++k) {
     if (std::isfinite(y.values[k])) known.push_back(k);
   }
-  if (known.empty()) return meaning_of(y) + " has no value";
+  if (known.empty()) return plot::label_of(y) + " has no value";
   const size_t first = known.front(), last = known.back();
   const auto at = [&](size_t k) {
-    return fmt::format("{} at {} {}", shown_value(y, k), meaning_of(x), shown_value(x, k));
+    return fmt::format("{} at {} {}", plot::shown_value(y, k), plot::label_of(x), plot::shown_value(x, k));
   };
-  std::string text = fmt::format("{} goes from {} to {}", meaning_of(y), at(first), at(last));
+  std::string text = fmt::format("{} goes from {} to {}", plot::label_of(y), at(first), at(last));
   const double low = std::min(y.values[first], y.values[last]), high = std::max(y.values[first], y.values[last]);
   const auto [least, most] = std::ranges::minmax_element(known, {}, [&](size_t k) { return y.values[k]; });
   const double beyond = 0.02 * (y.values[*most] - y.values[*least]);
@@ -140,9 +129,10 @@ std::string page_of(const SimulationRecord& record, const std::vector<Section>& 
           fmt::format("<h1>{}</h1>\n", escaped(record.title)) +
           html::paragraph(
               fmt::format("{} {} over {} from {} to {}, {} stored states; taut {}", record.samples.size(),
-                          record.at_rest ? "equilibria" : "samples", driver ? meaning_of(*driver) : record.sample_name,
-                          driver ? shown_value(*driver, 0) : label(record.samples.front()),
-                          driver ? shown_value(*driver, driver->values.size() - 1) : label(record.samples.back()),
+                          record.at_rest ? "equilibria" : "samples",
+                          driver ? plot::label_of(*driver) : record.sample_name,
+                          driver ? plot::shown_value(*driver, 0) : label(record.samples.front()),
+                          driver ? plot::shown_value(*driver, driver->values.size() - 1) : label(record.samples.back()),
                           record.states.size(), record.version),
               "origin") +
           html_of(sections, kLargestInline));
