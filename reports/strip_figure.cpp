@@ -120,7 +120,7 @@ class Picture {
       const Eigen::Vector3d along = 26 * view_(Eigen::Vector3d::Unit(c));
       text += fmt::format("set arrow from {} to {} head filled size screen 0.006,20 lw 1.2 lc rgb '{}'\n",
                           screen(Eigen::Vector3d::Zero()), screen(along), kGrey);
-      text += fmt::format("set label '{}' at {} center font ',11' tc rgb '{}'\n", "xyz"[c], screen(1.5 * along), kGrey);
+      text += fmt::format("set label '{}' at {} center font ',12' tc rgb '{}'\n", "xyz"[c], screen(1.5 * along), kGrey);
     }
     return text;
   }
