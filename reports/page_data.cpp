@@ -151,7 +151,7 @@ Json readings_json(const RunRecord& record, const std::vector<size_t>& shown) {
 }  // namespace
 
 std::string page_data(const RunRecord& record, const std::vector<Section>& sections, size_t budget) {
-  Json json{{"simulated", record.simulated}, {"figures", Json::object()}};
+  Json json{{"before", record.simulated ? "SIMULATED DATA: " : ""}, {"figures", Json::object()}};
   for (const Section& section : sections) {
     for (const plot::Drawing& drawing : section.figures) {
       if (std::ranges::count(kLive, drawing.figure.name) > 0) json["figures"][drawing.figure.name] = drawing.csv;

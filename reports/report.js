@@ -7,9 +7,14 @@ const block = document.getElementById('run-data');
 const D = block ? JSON.parse(block.textContent) : {figures: {}};
 const R = D.readings;
 
+const drawing = (() => {
+  const template = document.createElement('template');
+  template.innerHTML = '<svg></svg>';
+  return template.content.firstChild.namespaceURI;
+})();
 function make(tag, attributes = {}, ...children) {
   const drawn = ['svg', 'path', 'line', 'rect', 'text', 'g', 'clipPath', 'title', 'circle'].includes(tag);
-  const element = drawn ? document.createElementNS('http://www.w3.org/2000/svg', tag) : document.createElement(tag);
+  const element = drawn ? document.createElementNS(drawing, tag) : document.createElement(tag);
   for (const [name, value] of Object.entries(attributes))
     typeof value === 'function' ? element.addEventListener(name, value) : element.setAttribute(name, value);
   element.append(...children);
@@ -145,7 +150,7 @@ function show_shapes(figure) {
   if (resting >= 0) key.append(make('span', {style: 'margin-left:.8em'}, 'Dashed: at rest.'));
   key.append(` To scale, seen along ${S.axes[0]} and ${S.axes[1]}.`);
   if (S.states.length < D.stored) key.append(` ${S.states.length} of ${D.stored} stored shapes (thinned out to keep this file small).`);
-  const live = make('div', {class: 'live'}, make('h3', {}, (D.simulated ? 'SIMULATED DATA: ' : '') + 'Deformed shapes'),
+  const live = make('div', {class: 'live'}, make('h3', {}, D.before + 'Deformed shapes'),
     ...(rows.length > 1 ? [make('div', {class: 'slide'}, make('span', {}, 'Held'), held, held_text)] : []),
     make('div', {class: 'slide'}, make('span', {}, rows.length > 1 ? 'Load' : 'Condition'), load, text, play),
     make('div', {class: 'panel'}, make('div', {class: 'head'}, make('b', {}, ''), ...zoom_buttons('shapes', zoom)), svg), read, key,
@@ -441,7 +446,7 @@ function show_chart(figure, name, go_to_shape) {
       make('path', {d: kMarks[i % kMarks.length], fill: 'none', stroke: 'currentColor', 'stroke-width': 1.4}))));
   for (const [kind, label] of [['start', 'where the fit started'], ['trend', 'trend, no model']])
     if (items.some(p => p.kind === kind)) add_switch(kind, label, make('i', {style: 'border-top:2px dashed currentColor;height:0'}));
-  const live = make('div', {class: 'live'}, make('h3', {}, (D.simulated ? 'SIMULATED DATA: ' : '') + spec.title), switches, make('div', {class: 'panels'}, ...panels.map(p => p.box)),
+  const live = make('div', {class: 'live'}, make('h3', {}, D.before + spec.title), switches, make('div', {class: 'panels'}, ...panels.map(p => p.box)),
     make('p', {class: 'note'}, 'Point at a reading for its line and residual; drag a rectangle to zoom, double-click to see all.' + (S && R && R.shape.some(k => k >= 0) ? ' Click a reading for its shape.' : '')), pinned);
   attach(figure, live, redraw);
 }

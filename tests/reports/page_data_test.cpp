@@ -82,8 +82,7 @@ TEST(PageData, NoTextEndsItsScript) {
   for (size_t at = piece.find("</script"); at != std::string::npos; at = piece.find("</script", at + 1)) ++ends;
   EXPECT_EQ(ends, 2u);
   EXPECT_EQ(page_text("report.js").find("</script"), std::string::npos);
-  EXPECT_EQ(page_text("report.js").find("http"), page_text("report.js").find("http://www.w3.org/2000/svg"))
-      << "a name, loaded from nowhere";
+  EXPECT_EQ(page_text("report.js").find("http"), std::string::npos);
 }
 
 }  // namespace
