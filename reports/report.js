@@ -161,7 +161,7 @@ function show_shapes(figure) {
 
 /// Shows `live` in the place of a figure's picture, and draws it again whenever its width changes.
 function attach(figure, live, draw) {
-  figure.insertBefore(live, figure.firstChild);
+  figure.insertBefore(live, figure.querySelector('.picture'));
   figure.classList.add('has-live');
   let width = 0;
   const again = () => { if (live.clientWidth !== width) { width = live.clientWidth; draw(); } };
@@ -210,27 +210,33 @@ const reading_of = R ? (() => {
   return row => index.get([row.line, row.trial, row.channel].join('\n'));
 })() : () => undefined;
 
-/// What each figure draws, of its table: x and y, ends of bars, what stands at the axes.
+/// Residuals in standard deviations, of readings that have them.
+const scaled_misses = (title, x, place) => ({title, y: '(measured − fitted) / σ', x, expected: 1.96, zero_line: true,
+  item: (r, i) => ({x: place(r, i), y: number(r.normalised_residual), y0: number(r.normalised_residual) - 1, y1: number(r.normalised_residual) + 1})});
+
+/// What each figure draws, of its table, one panel per channel and entry: x and y, ends of bars, what stands at the axes.
 const kFigures = {
   force_displacement(rows, heads) {
     const [value, sigma, low, high] = heads.slice(6);
-    return {title: 'Force and ' + (value === 'value' ? 'readings' : value.replace(/_.*/, '')), y: bracketed(D.load.label, D.load.unit),
+    return [{title: 'Force and ' + (value === 'value' ? 'readings' : value.replace(/_.*/, '')), y: bracketed(D.load.label, D.load.unit),
       x: channel => bracketed(channel.label, channel.unit), zero: true,
-      item: r => ({x: number(r[value]), y: number(r.load_N), x0: r.kind === 'reading' ? r[value] - r[sigma] : number(r[low]), x1: r.kind === 'reading' ? +r[value] + +r[sigma] : number(r[high])})};
+      item: r => ({x: number(r[value]), y: number(r.load_N), x0: r.kind === 'reading' ? r[value] - r[sigma] : number(r[low]), x1: r.kind === 'reading' ? +r[value] + +r[sigma] : number(r[high])})}];
   },
-  residuals(rows) {
+  residuals(rows, heads) {
     const loads = rows.some(r => r.load_N !== '');
-    return {title: 'What the fitted model misses', y: '(measured − fitted) / σ', x: () => loads ? bracketed(D.load.label, D.load.unit) : 'reading', expected: 1.96,
-      item: (r, i) => ({x: loads ? number(r.load_N) : i + 1, y: number(r.normalised_residual), y0: number(r.normalised_residual) - 1, y1: number(r.normalised_residual) + 1})};
+    const title = 'What the fitted model misses', x = () => loads ? bracketed(D.load.label, D.load.unit) : 'reading', [miss, sigma] = heads.slice(5);
+    return [{title, y: channel => bracketed('measured − fitted', channel.unit), x, zero_line: true,
+      item: (r, i) => ({x: loads ? number(r.load_N) : i + 1, y: number(r[miss]), y0: number(r[miss]) - number(r[sigma]), y1: number(r[miss]) + number(r[sigma])})}, scaled_misses(title, x, (r, i) => loads ? number(r.load_N) : i + 1)];
   },
   effective_stiffness() {
-    return {title: 'Effective stiffness', y: 'force / displacement [N/m]', x: () => bracketed(D.load.label, D.load.unit), logarithmic: true,
+    return [{title: 'Effective stiffness', y: 'force / displacement [N/m]', x: () => bracketed(D.load.label, D.load.unit), logarithmic: true,
       item: r => ({x: number(r.load_N), y: number(r.kind === 'at_least' ? r.band_lower_N_per_m : r.stiffness_N_per_m), y0: number(r.band_lower_N_per_m), y1: number(r.band_upper_N_per_m),
-        text: r.kind === 'at_least' ? `stiffness at least ${digits(+r.band_lower_N_per_m)} N/m` : r.stiffness_N_per_m && `stiffness ${digits(+r.stiffness_N_per_m)} ± ${digits(number(r.sigma_N_per_m), 2)} N/m`})};
+        text: r.kind === 'at_least' ? `stiffness at least ${digits(+r.band_lower_N_per_m)} N/m` : r.stiffness_N_per_m && `stiffness ${digits(+r.stiffness_N_per_m)} ± ${digits(number(r.sigma_N_per_m), 2)} N/m`})}];
   },
   stress_strain() {
-    return {title: 'Stress and strain', y: 'stress [kPa]', x: () => 'engineering strain', zero: true,
-      item: r => ({x: number(r.strain), y: number(r.stress_kPa), y0: r.kind === 'reading' ? r.stress_kPa - r.sigma_kPa : number(r.band_lower_kPa), y1: r.kind === 'reading' ? +r.stress_kPa + +r.sigma_kPa : number(r.band_upper_kPa)})};
+    return [{title: 'Stress and strain', y: 'stress [kPa]', x: () => 'engineering strain', zero: true,
+      item: r => ({x: number(r.strain), y: number(r.stress_kPa), y0: r.kind === 'reading' ? r.stress_kPa - r.sigma_kPa : number(r.band_lower_kPa), y1: r.kind === 'reading' ? +r.stress_kPa + +r.sigma_kPa : number(r.band_upper_kPa)})},
+      scaled_misses('What this fit misses', () => 'engineering strain', r => number(r.strain))];
   },
 };
 
@@ -257,22 +263,26 @@ function tics_of(low, high, most, logarithmic) {
 
 function show_chart(figure, name, go_to_shape) {
   const text = D.figures[name], rows = table_of(text), heads = text.slice(0, text.indexOf('\n')).split(',');
-  const spec = kFigures[name](rows, heads);
-  const items = rows.map((row, i) => ({kind: 'reading', ...row, channel: row.channel ?? row.mode, trial: row.trial ?? '', ...spec.item(row, i)})).filter(p => isFinite(p.x) && isFinite(p.y));
-  for (const p of items) {
-    p.point = ['reading', 'excluded', 'at_least'].includes(p.kind);
-    if (p.point) p.reading = reading_of(p);
-    if (p.reading !== undefined && R.excluded[p.reading]) p.kind = 'excluded';
+  const specs = kFigures[name](rows, heads), title = specs[0].title;
+  for (const spec of specs) {
+    spec.items = rows.map((row, i) => ({kind: 'reading', ...row, channel: row.channel ?? row.mode, trial: row.trial ?? '', ...spec.item(row, i)})).filter(p => isFinite(p.x) && isFinite(p.y));
+    for (const p of spec.items) {
+      p.point = ['reading', 'excluded', 'at_least'].includes(p.kind);
+      if (p.point) p.reading = reading_of(p);
+      if (p.reading !== undefined && R.excluded[p.reading]) p.kind = 'excluded';
+    }
   }
+  const items = specs[0].items;
   if (!items.length) return;
   const channels = unique(items.map(p => p.channel)), series = unique(items.map(p => p.series)), trials = unique(items.filter(p => p.point).map(p => p.trial));
   const colour = p => `var(--c${(series.length > 1 ? series.indexOf(p.series) : channels.indexOf(p.channel)) % 7})`;
   const hidden = new Set(), hides = p => hidden.has('series ' + p.series) || (p.point && hidden.has('trial ' + p.trial)) || (p.kind === 'start' && hidden.has('start')) || (p.kind === 'trend' && hidden.has('trend'));
   const pinned = make('div', {class: 'pinned', hidden: ''});
-  const panels = channels.map(id => make_panel(id));
+  const rows_of_panels = specs.map((spec, s) => channels.filter(id => spec.items.some(p => p.channel === id)).map(id => make_panel(spec, s, id)));
+  const panels = rows_of_panels.flat();
 
-  function make_panel(id) {
-    const mine = items.filter(p => p.channel === id), channel = (D.channels || []).find(c => c.id === id) || {id, label: id, unit: ''};
+  function make_panel(spec, s, id) {
+    const mine = spec.items.filter(p => p.channel === id), channel = (D.channels || []).find(c => c.id === id) || {id, label: id, unit: ''};
     const curves = new Map();
     for (const p of mine) if (!p.point) curves.set(p.kind + '\n' + p.series, [...(curves.get(p.kind + '\n' + p.series) || []), p]);
     const points = mine.filter(p => p.point);
@@ -281,7 +291,9 @@ function show_chart(figure, name, go_to_shape) {
     const whole = () => {
       const shown = mine.filter(p => !hides(p) && p.kind !== 'start'), from = shown.length ? shown : mine;
       const [x0, x1] = range_of(from.flatMap(p => p.point ? [p.x, p.x0 ?? NaN, p.x1 ?? NaN] : [p.x]), spec.zero || name !== 'force_displacement');
-      let [y0, y1] = range_of(from.map(p => p.y).concat(spec.expected ? [-2.6, 2.6] : []), spec.zero);
+      let [y0, y1] = range_of(from.map(p => p.y).concat(spec.expected ? [-2.6, 2.6] : spec.zero_line ? [0] : []), spec.zero);
+      const room = 0.4 * (y1 - y0), bars = from.filter(p => p.point && isFinite(p.y0)).flatMap(p => [p.y0, p.y1]);
+      if (!logarithmic) [y0, y1] = [Math.max(y0 - room, Math.min(y0, ...bars)), Math.min(y1 + room, Math.max(y1, ...bars))];
       if (logarithmic) { const real = from.map(p => p.y); y0 = Math.min(...real) / 1.2; y1 = Math.max(...real) * 1.2; }
       return {x0, x1, y0, y1};
     };
@@ -289,7 +301,7 @@ function show_chart(figure, name, go_to_shape) {
     const svg = make('svg', {tabindex: 0, role: 'group', 'aria-roledescription': 'chart',
       'aria-label': `${spec.title}, ${id}: ${points.length} readings. Arrow keys go from reading to reading, Enter shows the shape, + and − zoom, 0 shows all.`});
     const tip = make('div', {class: 'tip', 'aria-live': 'polite', hidden: ''});
-    const clip = `clip-${name}-${channels.indexOf(id)}`;
+    const clip = `clip-${name}-${s}-${channels.indexOf(id)}`;
     const seen = () => points.filter(p => !hides(p));
 
     function draw() {
@@ -312,11 +324,11 @@ function show_chart(figure, name, go_to_shape) {
       parts.push(axis(`M${left} ${top}V${bottom}H${right}`, 'var(--strong)'));
       parts.push(make('text', {x: (left + right) / 2, y: height - 8, 'text-anchor': 'middle'}, spec.x(channel)));
       const middle = (top + bottom) / 2;
-      parts.push(make('text', {x: 12, y: middle, transform: `rotate(-90 12 ${middle})`, 'text-anchor': 'middle'}, spec.y + (logarithmic ? ', logarithmic' : '')));
+      parts.push(make('text', {x: 12, y: middle, transform: `rotate(-90 12 ${middle})`, 'text-anchor': 'middle'}, (typeof spec.y === 'function' ? spec.y(channel) : spec.y) + (logarithmic ? ', logarithmic' : '')));
       const near = (a, low, high) => Math.min(high + 1e4, Math.max(low - 1e4, a)).toFixed(1);
       const at = (x, y) => `${near(X(x), left, right)} ${near(Y(logarithmic ? Math.max(y, 1e-9 * v.y0) : y), top, bottom)}`;
       const path = list => list.map(([x, y], i) => (i ? 'L' : 'M') + at(x, y)).join('');
-      if (spec.expected) inside.append(make('path', {d: path([[v.x0, 0], [v.x1, 0]]), stroke: 'var(--ink)'}));
+      if (spec.zero_line) inside.append(make('path', {d: path([[v.x0, 0], [v.x1, 0]]), stroke: 'var(--ink)'}));
       for (const list of curves.values()) {
         if (hides(list[0])) continue;
         const c = colour(list[0]), along_x = 'x0' in list[0], bounded = list.filter(p => isFinite(along_x ? p.x0 : p.y0));
@@ -431,7 +443,7 @@ function show_chart(figure, name, go_to_shape) {
   }
 
   const redraw = () => panels.forEach(panel => panel.draw());
-  const switches = make('div', {class: 'switches', role: 'group', 'aria-label': `${spec.title}: what is shown`});
+  const switches = make('div', {class: 'switches', role: 'group', 'aria-label': `${title}: what is shown`});
   function add_switch(key, label, mark) {
     const button = make('button', {type: 'button', 'aria-pressed': 'true', click: () => {
       hidden.has(key) ? hidden.delete(key) : hidden.add(key);
@@ -446,7 +458,7 @@ function show_chart(figure, name, go_to_shape) {
       make('path', {d: kMarks[i % kMarks.length], fill: 'none', stroke: 'currentColor', 'stroke-width': 1.4}))));
   for (const [kind, label] of [['start', 'where the fit started'], ['trend', 'trend, no model']])
     if (items.some(p => p.kind === kind)) add_switch(kind, label, make('i', {style: 'border-top:2px dashed currentColor;height:0'}));
-  const live = make('div', {class: 'live'}, make('h3', {}, D.before + spec.title), switches, make('div', {class: 'panels'}, ...panels.map(p => p.box)),
+  const live = make('div', {class: 'live'}, make('h3', {}, D.before + title), switches, ...rows_of_panels.map(row => make('div', {class: 'panels'}, ...row.map(p => p.box))),
     make('p', {class: 'note'}, 'Point at a reading for its line and residual; drag a rectangle to zoom, double-click to see all.' + (S && R && R.shape.some(k => k >= 0) ? ' Click a reading for its shape.' : '')), pinned);
   attach(figure, live, redraw);
 }
