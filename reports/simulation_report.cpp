@@ -92,7 +92,7 @@ std::optional<Section> what_it_gives(const SimulationRecord& record) {
 std::optional<Section> how_to_read(const SimulationRecord& record) {
   std::vector<std::string> hints = {
       "Displacements are drawn as they are, not magnified; lengths along all axes have one scale.",
-      record.at_rest
+      record.at_rest && record.sample_unit == "s"
           ? "The run is a sequence of equilibria: time only orders them, nothing in it says how fast it happens."
       : record.sample_unit == "s"
           ? "Curves and pictures are over simulated time."

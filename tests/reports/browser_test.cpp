@@ -155,6 +155,7 @@ TEST_F(Browser, PagesFitPhonesAndDesktopsInLightAndDarkWithTextOfElevenPixelsAnd
         const Json seen = look(page, width, dark);
         ASSERT_FALSE(seen.contains("error")) << seen;
         EXPECT_EQ(seen["console"], "");
+        EXPECT_LT(std::filesystem::file_size(*folder_ / page), 3u << 20);
         EXPECT_EQ(seen["dark"], dark);
         EXPECT_LE(seen["overflow"], 0);
         EXPECT_GE(seen["smallest"].get<double>(), 11 - 1e-6) << seen["smallest_text"];
@@ -171,6 +172,35 @@ const char* const kChart = R"js(
     const graph = name => chart(name).querySelector('svg[tabindex]');
     const marks = name => graph(name).querySelectorAll('path[transform]').length;
 )js";
+
+TEST_F(Browser, WithoutTheScriptAndOnPaperThePicturesStandThere) {
+  const std::string page = read_file(*folder_ / "run/report.html");
+  std::ofstream(*folder_ / "run/still.html") << with(page, "<script>", "<script type=\"off\">");
+  const std::string shown = R"js(
+    const visible = what => [...page.querySelectorAll(what)].filter(e => e.getClientRects().length).length;
+    seen.pictures = visible('.picture');
+    seen.live = visible('.live');
+    // As paper has it: rules for screens go, those for print stay.
+    if (@PRINT@) {
+      for (const rule of [...page.styleSheets[0].cssRules])
+        if (rule.media) rule.media.mediaText = rule.media.mediaText === 'print' ? 'all' : 'not all';
+      seen.pictures_on_paper = visible('.picture');
+      seen.live_on_paper = visible('.live');
+    }
+  )js";
+  const Json still = look("run/still.html", 390, true, with(shown, "@PRINT@", "false"));
+  ASSERT_FALSE(still.contains("error")) << still;
+  EXPECT_EQ(still["live"], 0);
+  EXPECT_LE(still["overflow"], 0);
+  EXPECT_GE(still["smallest"].get<double>(), 11 - 1e-6) << still["smallest_text"];
+  const Json moving = look("run/report.html", 1280, false, with(shown, "@PRINT@", "true"));
+  ASSERT_FALSE(moving.contains("error")) << moving;
+  EXPECT_GE(still["pictures"], 6);
+  EXPECT_EQ(moving["live"], 4);
+  EXPECT_EQ(moving["pictures"].get<int>() + 4, still["pictures"].get<int>());
+  EXPECT_EQ(moving["pictures_on_paper"], still["pictures"]);
+  EXPECT_EQ(moving["live_on_paper"], 0);
+}
 
 TEST_F(Browser, AReadingSaysItsLineTrialValueAndResidual) {
   const RunRecord run = record();
