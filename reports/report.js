@@ -52,7 +52,8 @@ const resting = S ? S.states.findIndex(state => state.label.startsWith('rest')) 
 /// Draws a state into `svg`; `view` {x, y, zoom} is the middle in steps, and how far it is magnified.
 function draw_shape(svg, k, view) {
   const width = svg.clientWidth || 320, margin = 12;
-  const scale = (width - 2 * margin) / extent.w * view.zoom, height = Math.max(90, Math.min(460, (width - 2 * margin) / extent.w * extent.h + 2 * margin + 26));
+  const scale = (width - 2 * margin) / extent.w * view.zoom, height = Math.max(90, Math.min(460,
+      (width - 2 * margin) / extent.w * extent.h + 2 * margin + 26));
   const fit = Math.min(scale, (height - 2 * margin - 26) / extent.h * view.zoom);
   svg.setAttribute('viewBox', `0 0 ${width} ${height}`);
   svg.style.height = height + 'px';
@@ -69,7 +70,8 @@ function draw_shape(svg, k, view) {
   };
   const outline = state => state.areas.flat().map(loop => line(loop, true)).join('') + strokes(state.lines);
   const state = S.states[k], parts = [make('title', {}, `Deformed shape: ${state.label}`)];
-  state.areas.forEach((loops, r) => parts.push(make('path', {d: loops.map(l => line(l, true)).join(''), fill: S.regions[r] ? S.regions[r].colour : '#ccc'})));
+  state.areas.forEach((loops, r) => parts.push(make('path', {d: loops.map(l => line(l, true)).join(''),
+      fill: S.regions[r] ? S.regions[r].colour : '#ccc'})));
   if (resting >= 0 && resting !== k)
     parts.push(make('path', {d: outline(S.states[resting]), fill: 'none', stroke: 'var(--rest)', 'stroke-dasharray': '3 3'}));
   parts.push(make('path', {d: outline(state), fill: 'none', stroke: 'var(--ink)', 'stroke-linejoin': 'round'}));
@@ -144,7 +146,8 @@ function show_shapes(figure) {
     e.preventDefault();
   });
   const key = make('p', {class: 'note'});
-  for (const region of S.regions) key.append(make('i', {style: `display:inline-block;width:1.2em;height:.8em;margin:0 .4em;background:${region.colour}`}), region.name);
+  for (const region of S.regions) key.append(make('i',
+      {style: `display:inline-block;width:1.2em;height:.8em;margin:0 .4em;background:${region.colour}`}), region.name);
   if (S.states.some(state => state.cables.length))
     key.append(make('i', {style: 'display:inline-block;width:1.2em;height:.2em;margin:0 .4em .25em .8em;background:var(--cable)'}), 'cable');
   if (resting >= 0) key.append(make('span', {style: 'margin-left:.8em'}, 'Dashed: at rest.'));
@@ -212,7 +215,8 @@ const reading_of = R ? (() => {
 
 /// Residuals in standard deviations, of readings that have them.
 const scaled_misses = (title, x, place) => ({title, y: '(measured − fitted) / σ', x, expected: 1.96, zero_line: true,
-  item: (r, i) => ({x: place(r, i), y: number(r.normalised_residual), y0: number(r.normalised_residual) - 1, y1: number(r.normalised_residual) + 1})});
+  item: (r, i) => ({x: place(r, i), y: number(r.normalised_residual), y0: number(r.normalised_residual) - 1,
+      y1: number(r.normalised_residual) + 1})});
 
 /// What each figure draws, of its table, one panel per channel and entry: x and y, ends of bars, what stands at the axes.
 const kFigures = {
@@ -220,22 +224,26 @@ const kFigures = {
     const [value, sigma, low, high] = heads.slice(6);
     return [{title: 'Force and ' + (value === 'value' ? 'readings' : value.replace(/_.*/, '')), y: bracketed(D.load.label, D.load.unit),
       x: channel => bracketed(channel.label, channel.unit), zero: true,
-      item: r => ({x: number(r[value]), y: number(r.load_N), x0: r.kind === 'reading' ? r[value] - r[sigma] : number(r[low]), x1: r.kind === 'reading' ? +r[value] + +r[sigma] : number(r[high])})}];
+      item: r => ({x: number(r[value]), y: number(r.load_N), x0: r.kind === 'reading' ? r[value] - r[sigma] : number(r[low]),
+          x1: r.kind === 'reading' ? +r[value] + +r[sigma] : number(r[high])})}];
   },
   residuals(rows, heads) {
     const loads = rows.some(r => r.load_N !== '');
     const title = 'What the fitted model misses', x = () => loads ? bracketed(D.load.label, D.load.unit) : 'reading', [miss, sigma] = heads.slice(5);
     return [{title, y: channel => bracketed('measured − fitted', channel.unit), x, zero_line: true,
-      item: (r, i) => ({x: loads ? number(r.load_N) : i + 1, y: number(r[miss]), y0: number(r[miss]) - number(r[sigma]), y1: number(r[miss]) + number(r[sigma])})}, scaled_misses(title, x, (r, i) => loads ? number(r.load_N) : i + 1)];
+      item: (r, i) => ({x: loads ? number(r.load_N) : i + 1, y: number(r[miss]), y0: number(r[miss]) - number(r[sigma]),
+          y1: number(r[miss]) + number(r[sigma])})}, scaled_misses(title, x, (r, i) => loads ? number(r.load_N) : i + 1)];
   },
   effective_stiffness() {
     return [{title: 'Effective stiffness', y: 'force / displacement [N/m]', x: () => bracketed(D.load.label, D.load.unit), logarithmic: true,
-      item: r => ({x: number(r.load_N), y: number(r.kind === 'at_least' ? r.band_lower_N_per_m : r.stiffness_N_per_m), y0: number(r.band_lower_N_per_m), y1: number(r.band_upper_N_per_m),
+      item: r => ({x: number(r.load_N), y: number(r.kind === 'at_least' ? r.band_lower_N_per_m : r.stiffness_N_per_m),
+          y0: number(r.band_lower_N_per_m), y1: number(r.band_upper_N_per_m),
         text: r.kind === 'at_least' ? `stiffness at least ${digits(+r.band_lower_N_per_m)} N/m` : r.stiffness_N_per_m && `stiffness ${digits(+r.stiffness_N_per_m)} ± ${digits(number(r.sigma_N_per_m), 2)} N/m`})}];
   },
   stress_strain() {
     return [{title: 'Stress and strain', y: 'stress [kPa]', x: () => 'engineering strain', zero: true,
-      item: r => ({x: number(r.strain), y: number(r.stress_kPa), y0: r.kind === 'reading' ? r.stress_kPa - r.sigma_kPa : number(r.band_lower_kPa), y1: r.kind === 'reading' ? +r.stress_kPa + +r.sigma_kPa : number(r.band_upper_kPa)})},
+      item: r => ({x: number(r.strain), y: number(r.stress_kPa), y0: r.kind === 'reading' ? r.stress_kPa - r.sigma_kPa : number(r.band_lower_kPa),
+          y1: r.kind === 'reading' ? +r.stress_kPa + +r.sigma_kPa : number(r.band_upper_kPa)})},
       scaled_misses('What this fit misses', () => 'engineering strain', r => number(r.strain))];
   },
 };
@@ -265,7 +273,8 @@ function show_chart(figure, name, go_to_shape) {
   const text = D.figures[name], rows = table_of(text), heads = text.slice(0, text.indexOf('\n')).split(',');
   const specs = kFigures[name](rows, heads), title = specs[0].title;
   for (const spec of specs) {
-    spec.items = rows.map((row, i) => ({kind: 'reading', ...row, channel: row.channel ?? row.mode, trial: row.trial ?? '', ...spec.item(row, i)})).filter(p => isFinite(p.x) && isFinite(p.y));
+    spec.items = rows.map((row, i) => ({kind: 'reading', ...row, channel: row.channel ?? row.mode, trial: row.trial ?? '', ...spec.item(row,
+        i)})).filter(p => isFinite(p.x) && isFinite(p.y));
     for (const p of spec.items) {
       p.point = ['reading', 'excluded', 'at_least'].includes(p.kind);
       if (p.point) p.reading = reading_of(p);
@@ -274,9 +283,11 @@ function show_chart(figure, name, go_to_shape) {
   }
   const items = specs[0].items;
   if (!items.length) return;
-  const channels = unique(items.map(p => p.channel)), series = unique(items.map(p => p.series)), trials = unique(items.filter(p => p.point).map(p => p.trial));
+  const channels = unique(items.map(p => p.channel)), series = unique(items.map(p => p.series)),
+      trials = unique(items.filter(p => p.point).map(p => p.trial));
   const colour = p => `var(--c${(series.length > 1 ? series.indexOf(p.series) : channels.indexOf(p.channel)) % 7})`;
-  const hidden = new Set(), hides = p => hidden.has('series ' + p.series) || (p.point && hidden.has('trial ' + p.trial)) || (p.kind === 'start' && hidden.has('start')) || (p.kind === 'trend' && hidden.has('trend'));
+  const hidden = new Set(),
+      hides = p => hidden.has('series ' + p.series) || (p.point && hidden.has('trial ' + p.trial)) || (p.kind === 'start' && hidden.has('start')) || (p.kind === 'trend' && hidden.has('trend'));
   const pinned = make('div', {class: 'pinned', hidden: ''});
   const rows_of_panels = specs.map((spec, s) => channels.filter(id => spec.items.some(p => p.channel === id)).map(id => make_panel(spec, s, id)));
   const panels = rows_of_panels.flat();
@@ -287,7 +298,8 @@ function show_chart(figure, name, go_to_shape) {
     for (const p of mine) if (!p.point) curves.set(p.kind + '\n' + p.series, [...(curves.get(p.kind + '\n' + p.series) || []), p]);
     const points = mine.filter(p => p.point);
     // A long bar of one poor reading does not squeeze the rest.
-    const ys = mine.map(p => p.y), positive = ys.every(y => y > 0), logarithmic = Boolean(spec.logarithmic) && positive && Math.max(...ys) / Math.min(...ys) > 8;
+    const ys = mine.map(p => p.y), positive = ys.every(y => y > 0),
+        logarithmic = Boolean(spec.logarithmic) && positive && Math.max(...ys) / Math.min(...ys) > 8;
     const whole = () => {
       const shown = mine.filter(p => !hides(p) && p.kind !== 'start'), from = shown.length ? shown : mine;
       const [x0, x1] = range_of(from.flatMap(p => p.point ? [p.x, p.x0 ?? NaN, p.x1 ?? NaN] : [p.x]), spec.zero || name !== 'force_displacement');
@@ -318,13 +330,17 @@ function show_chart(figure, name, go_to_shape) {
       const parts = [], inside = make('g', {'clip-path': `url(#${clip})`});
       const axis = (d, c = 'var(--line)') => make('path', {d, stroke: c, fill: 'none'});
       parts.push(make('clipPath', {id: clip}, make('rect', {x: left, y: top, width: right - left, height: bottom - top})));
-      if (spec.expected) parts.push(make('rect', {x: left, width: right - left, y: Math.max(top, Y(spec.expected)), height: Math.max(0, Math.min(bottom, Y(-spec.expected)) - Math.max(top, Y(spec.expected))), fill: 'var(--rest)', opacity: .2}));
-      for (const x of tics_of(v.x0, v.x1, width > 420 ? 7 : 5)) parts.push(axis(`M${X(x)} ${top}V${bottom}`), make('text', {x: X(x), y: bottom + 16, 'text-anchor': 'middle'}, digits(x, 6)));
-      for (const y of tics_of(v.y0, v.y1, 6, logarithmic)) parts.push(axis(`M${left} ${Y(y)}H${right}`), make('text', {x: left - 6, y: Y(y) + 4, 'text-anchor': 'end'}, digits(y, 6)));
+      if (spec.expected) parts.push(make('rect', {x: left, width: right - left, y: Math.max(top, Y(spec.expected)), height: Math.max(0,
+          Math.min(bottom, Y(-spec.expected)) - Math.max(top, Y(spec.expected))), fill: 'var(--rest)', opacity: .2}));
+      for (const x of tics_of(v.x0, v.x1, width > 420 ? 7 : 5)) parts.push(axis(`M${X(x)} ${top}V${bottom}`), make('text', {x: X(x), y: bottom + 16,
+          'text-anchor': 'middle'}, digits(x, 6)));
+      for (const y of tics_of(v.y0, v.y1, 6, logarithmic)) parts.push(axis(`M${left} ${Y(y)}H${right}`), make('text', {x: left - 6, y: Y(y) + 4,
+          'text-anchor': 'end'}, digits(y, 6)));
       parts.push(axis(`M${left} ${top}V${bottom}H${right}`, 'var(--strong)'));
       parts.push(make('text', {x: (left + right) / 2, y: height - 8, 'text-anchor': 'middle'}, spec.x(channel)));
       const middle = (top + bottom) / 2;
-      parts.push(make('text', {x: 12, y: middle, transform: `rotate(-90 12 ${middle})`, 'text-anchor': 'middle'}, (typeof spec.y === 'function' ? spec.y(channel) : spec.y) + (logarithmic ? ', logarithmic' : '')));
+      parts.push(make('text', {x: 12, y: middle, transform: `rotate(-90 12 ${middle})`, 'text-anchor': 'middle'},
+          (typeof spec.y === 'function' ? spec.y(channel) : spec.y) + (logarithmic ? ', logarithmic' : '')));
       const near = (a, low, high) => Math.min(high + 1e4, Math.max(low - 1e4, a)).toFixed(1);
       const at = (x, y) => `${near(X(x), left, right)} ${near(Y(logarithmic ? Math.max(y, 1e-9 * v.y0) : y), top, bottom)}`;
       const path = list => list.map(([x, y], i) => (i ? 'L' : 'M') + at(x, y)).join('');
@@ -337,19 +353,24 @@ function show_chart(figure, name, go_to_shape) {
           inside.append(make('path', {d: path(lower.concat(upper.reverse())) + 'Z', fill: c, opacity: .22}));
         }
         const dashes = {trend: '6 4', start: '2 4'}[list[0].kind];
-        inside.append(make('path', {d: path(list.map(p => [p.x, p.y])), fill: 'none', stroke: c, 'stroke-width': 1.8, ...(dashes ? {'stroke-dasharray': dashes} : {})}));
+        inside.append(make('path', {d: path(list.map(p => [p.x, p.y])), fill: 'none', stroke: c, 'stroke-width': 1.8,
+            ...(dashes ? {'stroke-dasharray': dashes} : {})}));
       }
       for (const p of points) {
         if (hides(p)) continue;
         const out = p.kind === 'excluded', c = out ? 'var(--rest)' : colour(p);
         if (p.kind === 'reading' && isFinite(p.x0)) inside.append(make('path', {d: `M${at(p.x0, p.y)}L${at(p.x1, p.y)}`, stroke: c}));
         if (p.kind === 'reading' && isFinite(p.y0)) inside.append(make('path', {d: `M${at(p.x, p.y0)}L${at(p.x, p.y1)}`, stroke: c}));
-        if (p.kind === 'at_least') inside.append(make('path', {d: `M${at(p.x, p.y)}v-18m-4 6l4 -6l4 6`, stroke: c, fill: 'none', 'stroke-width': 1.4}));
-        inside.append(make('path', {d: out ? kCross : kMarks[Math.max(0, trials.indexOf(p.trial)) % kMarks.length], transform: `translate(${at(p.x, p.y)})`,
-          fill: p === points[chosen] ? c : 'var(--paper)', 'fill-opacity': p === points[chosen] ? 1 : .55, stroke: c, 'stroke-width': p === points[chosen] ? 3 : 1.4}));
+        if (p.kind === 'at_least') inside.append(make('path', {d: `M${at(p.x, p.y)}v-18m-4 6l4 -6l4 6`, stroke: c, fill: 'none',
+            'stroke-width': 1.4}));
+        inside.append(make('path', {d: out ? kCross : kMarks[Math.max(0, trials.indexOf(p.trial)) % kMarks.length],
+            transform: `translate(${at(p.x, p.y)})`,
+          fill: p === points[chosen] ? c : 'var(--paper)', 'fill-opacity': p === points[chosen] ? 1 : .55, stroke: c,
+              'stroke-width': p === points[chosen] ? 3 : 1.4}));
       }
       parts.push(inside);
-      if (band) parts.push(make('rect', {x: Math.min(band[0][0], band[1][0]), y: Math.min(band[0][1], band[1][1]), width: Math.abs(band[1][0] - band[0][0]), height: Math.abs(band[1][1] - band[0][1]), fill: 'var(--accent)', opacity: .15}));
+      if (band) parts.push(make('rect', {x: Math.min(band[0][0], band[1][0]), y: Math.min(band[0][1], band[1][1]),
+          width: Math.abs(band[1][0] - band[0][0]), height: Math.abs(band[1][1] - band[0][1]), fill: 'var(--accent)', opacity: .15}));
       svg.replaceChildren(...parts);
     }
 
@@ -372,7 +393,8 @@ function show_chart(figure, name, go_to_shape) {
       if (p.text) lines.push(p.text);
       if (i !== undefined && R.shape[i] >= 0) lines.push('click or Enter: its shape');
       tip.textContent = lines.filter(Boolean).join('\n');
-      const x = map.X(p.x), y = map.Y(p.y), w = svg.clientWidth, wide = tip.offsetWidth, head = svg.getBoundingClientRect().top - svg.parentElement.getBoundingClientRect().top;
+      const x = map.X(p.x), y = map.Y(p.y), w = svg.clientWidth, wide = tip.offsetWidth,
+          head = svg.getBoundingClientRect().top - svg.parentElement.getBoundingClientRect().top;
       tip.style.left = Math.max(0, Math.min(w - wide, x > w / 2 ? x - wide - 12 : x + 12)) + 'px';
       tip.style.top = head + Math.max(0, Math.min(svg.clientHeight - tip.offsetHeight, y - tip.offsetHeight / 2)) + 'px';
     }
@@ -389,8 +411,10 @@ function show_chart(figure, name, go_to_shape) {
       if (!factor) view = null;
       else {
         const v = map.v, [cx, cy] = map.inverse((map.left + map.right) / 2, (map.top + map.bottom) / 2), k = 1 / factor;
-        const [ax, ay] = map.inverse((map.left + map.right) / 2 - k * (map.right - map.left) / 2, (map.top + map.bottom) / 2 + k * (map.bottom - map.top) / 2);
-        const [bx, by] = map.inverse((map.left + map.right) / 2 + k * (map.right - map.left) / 2, (map.top + map.bottom) / 2 - k * (map.bottom - map.top) / 2);
+        const [ax, ay] = map.inverse((map.left + map.right) / 2 - k * (map.right - map.left) / 2,
+            (map.top + map.bottom) / 2 + k * (map.bottom - map.top) / 2);
+        const [bx, by] = map.inverse((map.left + map.right) / 2 + k * (map.right - map.left) / 2,
+            (map.top + map.bottom) / 2 - k * (map.bottom - map.top) / 2);
         view = [cx, cy, ax, ay, bx, by].every(isFinite) ? {x0: ax, x1: bx, y0: ay, y1: by} : v;
       }
       say(-1);
@@ -427,7 +451,8 @@ function show_chart(figure, name, go_to_shape) {
       else return;
       e.preventDefault();
     });
-    const box = make('div', {class: 'panel'}, make('div', {class: 'head'}, make('b', {}, channels.length > 1 || id ? `Channel ${id}` : ''), ...zoom_buttons(`${spec.title}, ${id}`, zoom)), svg, tip);
+    const box = make('div', {class: 'panel'}, make('div', {class: 'head'}, make('b', {}, channels.length > 1 || id ? `Channel ${id}` : ''),
+        ...zoom_buttons(`${spec.title}, ${id}`, zoom)), svg, tip);
     return {box, draw: () => { say(-1); draw(); }};
   }
 
@@ -452,14 +477,18 @@ function show_chart(figure, name, go_to_shape) {
     }}, ...(mark ? [mark] : []), label);
     switches.append(button);
   }
-  if (series.length > 1) series.forEach((s, i) => add_switch('series ' + s, s || (name === 'stress_strain' ? 'readings' : '(none)'), make('i', {style: `background:var(--c${i % 7})`})));
+  if (series.length > 1) series.forEach((s, i) => add_switch('series ' + s, s || (name === 'stress_strain' ? 'readings' : '(none)'), make('i',
+      {style: `background:var(--c${i % 7})`})));
   if (trials.length > 1 && trials.length < 13)
-    trials.forEach((t, i) => add_switch('trial ' + t, 'trial ' + t, make('svg', {viewBox: '-7 -7 14 14', 'aria-hidden': 'true', style: 'width:14px;height:14px;display:inline-block;vertical-align:-2px;margin-right:4px'},
+    trials.forEach((t, i) => add_switch('trial ' + t, 'trial ' + t, make('svg', {viewBox: '-7 -7 14 14', 'aria-hidden': 'true',
+        style: 'width:14px;height:14px;display:inline-block;vertical-align:-2px;margin-right:4px'},
       make('path', {d: kMarks[i % kMarks.length], fill: 'none', stroke: 'currentColor', 'stroke-width': 1.4}))));
   for (const [kind, label] of [['start', 'where the fit started'], ['trend', 'trend, no model']])
     if (items.some(p => p.kind === kind)) add_switch(kind, label, make('i', {style: 'border-top:2px dashed currentColor;height:0'}));
-  const live = make('div', {class: 'live'}, make('h3', {}, D.before + title), switches, ...rows_of_panels.map(row => make('div', {class: 'panels'}, ...row.map(p => p.box))),
-    make('p', {class: 'note'}, 'Point at a reading for its line and residual; drag a rectangle to zoom, double-click to see all.' + (S && R && R.shape.some(k => k >= 0) ? ' Click a reading for its shape.' : '')), pinned);
+  const live = make('div', {class: 'live'}, make('h3', {}, D.before + title), switches, ...rows_of_panels.map(row => make('div', {class: 'panels'},
+      ...row.map(p => p.box))),
+    make('p', {class: 'note'},
+        'Point at a reading for its line and residual; drag a rectangle to zoom, double-click to see all.' + (S && R && R.shape.some(k => k >= 0) ? ' Click a reading for its shape.' : '')), pinned);
   attach(figure, live, redraw);
 }
 
@@ -482,7 +511,8 @@ function make_sortable(table) {
       const down = head.getAttribute('aria-sort') === 'ascending';
       heads.forEach(h => h.removeAttribute('aria-sort'));
       head.setAttribute('aria-sort', down ? 'descending' : 'ascending');
-      const keyed = [...body.rows].map(row => ({row, text: row.cells[c] ? row.cells[c].textContent : '', value: value_of(row.cells[c] ? row.cells[c].textContent : '')}));
+      const keyed = [...body.rows].map(row => ({row, text: row.cells[c] ? row.cells[c].textContent : '',
+          value: value_of(row.cells[c] ? row.cells[c].textContent : '')}));
       const by_number = keyed.some(k => k.value !== null) && head.classList.contains('n');
       // What is no number stands last either way.
       keyed.sort((a, b) => {
