@@ -1,6 +1,7 @@
-# cmake -DROOT=... -DDOCUMENTS="a.md;b.md" -DOUT=documents.cpp -P embed.cmake: the texts of files as a table of the program.
-set(code "// Made by cmake/embed.cmake.\n#include \"experiments/cli/topics.hpp\"\n\nnamespace taut {\n\n")
-string(APPEND code "const std::map<std::string_view, std::string_view>& documents() {\n")
+# cmake -DROOT=... -DDOCUMENTS="a.md;b.md" -DHEADER=declares/it.hpp -DFUNCTION=documents -DOUT=documents.cpp -P embed.cmake:
+# the texts of files as a table of the program.
+set(code "// Made by cmake/embed.cmake.\n#include \"${HEADER}\"\n\nnamespace taut {\n\n")
+string(APPEND code "const std::map<std::string_view, std::string_view>& ${FUNCTION}() {\n")
 string(APPEND code "  static const std::map<std::string_view, std::string_view> all{\n")
 foreach(document IN LISTS DOCUMENTS)
   file(READ ${ROOT}/${document} text)

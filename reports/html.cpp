@@ -7,41 +7,11 @@
 #include <map>
 #include <string_view>
 
+#include "reports/page_texts.hpp"
 #include "sim/core/units.hpp"
 
 namespace taut::html {
 namespace {
-
-const char* const kStyle = R"(
-:root { color-scheme: light; }
-body { font: 16px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif; color: #222;
-  background: #fff; margin: 0 auto; padding: 1.5rem 1rem 4rem; max-width: 60rem; }
-h1 { font-size: 1.7rem; line-height: 1.2; margin: 0 0 .3rem; }
-h2 { font-size: 1.25rem; margin: 2.4rem 0 .6rem; padding-bottom: .2rem; border-bottom: 1px solid #ddd; }
-h3 { font-size: 1rem; margin: 1.4rem 0 .4rem; }
-p { margin: .5rem 0; max-width: 46rem; }
-li { max-width: 46rem; }
-.origin { color: #666; margin-bottom: 1rem; }
-.banner { background: #d55e00; color: #fff; font-weight: 600; padding: .6rem 1rem; border-radius: .3rem;
-  margin: 0 0 1rem; max-width: none; }
-.answer { background: #f1f6fa; border-left: .35rem solid #0072b2; padding: .8rem 1rem; margin: 1rem 0; }
-.answer p { max-width: none; margin: .25rem 0; }
-.answer .number { font-size: 1.2rem; font-weight: 600; }
-.warning { border-left: .35rem solid #d55e00; padding: .2rem 0 .2rem .8rem; }
-.scroll { overflow-x: auto; }
-table { border-collapse: collapse; font-size: .88rem; margin: .6rem 0; }
-th, td { text-align: left; vertical-align: top; padding: .28rem .8rem .28rem 0; border-bottom: 1px solid #e6e6e6; }
-th { border-bottom: 2px solid #bbb; font-weight: 600; }
-td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
-td.hash { font-family: ui-monospace, Menlo, Consolas, monospace; font-size: .75rem; overflow-wrap: anywhere; }
-figure { margin: 1.6rem 0; }
-figure svg, figure img { width: 100%; height: auto; display: block; }
-figcaption { margin-top: .6rem; color: #555; font-size: .92rem; max-width: 46rem; }
-code, pre { font-family: ui-monospace, Menlo, Consolas, monospace; font-size: .85em; overflow-wrap: anywhere; }
-pre { background: #f6f6f6; padding: .8rem; overflow-x: auto; }
-@media print { body { font-size: 10.5pt; max-width: none; padding: 0; } h2 { break-after: avoid; }
-  .scroll { overflow: visible; } table { font-size: 8pt; } figure, tr, .answer { break-inside: avoid; } .banner { color: #000; border: 2px solid #d55e00; } #motion { display: none; } }
-)";
 
 void remove_between(std::string& text, const std::string& begin, const std::string& end) {
   for (size_t at = text.find(begin); at != std::string::npos; at = text.find(begin, at)) {
@@ -51,14 +21,51 @@ void remove_between(std::string& text, const std::string& begin, const std::stri
   }
 }
 
+/// The text between two marks from `at` on; "" where they are not.
+std::string text_between(const std::string& text, size_t at, const std::string& begin, const std::string& end) {
+  const size_t from = text.find(begin, at);
+  const size_t to = from == std::string::npos ? from : text.find(end, from + begin.size());
+  return to == std::string::npos ? "" : text.substr(from + begin.size(), to - from - begin.size());
+}
+
+/// Gives every heading an id and links to headings and figures; a page of a few parts needs none.
+std::string with_contents(std::string body) {
+  const std::string heading = "<h2>", drawn = "<figure id=\"";
+  std::string links;
+  size_t first = std::string::npos, parts = 0;
+  for (size_t at = 0; at < body.size();) {
+    const size_t h2 = body.find(heading, at), fig = body.find(drawn, at), next = std::min(h2, fig);
+    if (next == std::string::npos) break;
+    first = std::min(first, next);
+    std::string id, text;
+    if (next == h2) {
+      id = fmt::format("part-{}", ++parts);
+      text = text_between(body, next, heading, "</h2>");
+      body.replace(next, heading.size(), fmt::format("<h2 id=\"{}\">", id));
+    } else {
+      id = text_between(body, next, drawn, "\"");
+      text = text_between(body, next, "data-title=\"", "\"");
+      for (const std::string said : {"SIMULATED DATA: ", "Simulation: "}) {  // above the page
+        if (text.starts_with(said)) text.erase(0, said.size());
+      }
+    }
+    links += fmt::format("<li><a href=\"#{}\">{}</a></li>\n", id, text);
+    at = next + 1;
+  }
+  if (parts < 2) return body;
+  return body.insert(first, "<nav aria-label=\"Contents\"><details open><summary>Contents</summary><ul>\n" + links +
+                                "</ul></details></nav>\n");
+}
+
 }  // namespace
 
 std::string page(const std::string& title, const std::string& body) {
+  const std::string whole = with_contents(body);
   return fmt::format(
       "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
       "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>{}</title>\n<style>{}</style>\n"
-      "</head>\n<body>\n{}</body>\n</html>\n",
-      escaped(title), kStyle, body);
+      "</head>\n<body>\n<main>\n{}</main>\n</body>\n</html>\n",
+      escaped(title), page_text("page.css"), whole);
 }
 
 std::string paragraph(const std::string& text, const std::string& kind) {
@@ -69,7 +76,10 @@ std::string figure(const Figure& figure, size_t largest) {
   const std::string picture = figure.svg.size() <= largest ? inlined(figure.svg, figure.name, figure.title)
                                                            : fmt::format("<img src=\"figures/{}.png\" alt=\"{}\">\n",
                                                                          escaped(figure.name), escaped(figure.title));
-  return fmt::format("<figure>\n{}<figcaption>{}</figcaption>\n</figure>\n", picture, escaped(figure.caption));
+  return fmt::format(
+      "<figure id=\"figure-{}\" data-title=\"{}\">\n<div class=\"picture\">\n{}</div>\n<figcaption>{}</figcaption>\n"
+      "</figure>\n",
+      escaped(figure.name), escaped(figure.title), picture, escaped(figure.caption));
 }
 
 std::string escaped(const std::string& text) {
@@ -92,13 +102,17 @@ std::string list(const std::vector<std::string>& texts) {
 
 std::string table(const Cells& header, const std::vector<Cells>& rows) {
   const auto is_number = [&](size_t column) { return column < header.size() && header[column].starts_with('#'); };
-  const auto cell = [&](const char* tag, size_t column, const std::string& html) {
-    return fmt::format("<{0}{1}>{2}</{0}>", tag, is_number(column) ? " class=\"n\"" : "", html);
+  const bool has_head = std::ranges::any_of(header, [](const std::string& text) { return !text.empty(); });
+  const auto cell = [&](const char* scope, size_t column, const std::string& html) {
+    const std::string attributes =
+        std::string(is_number(column) ? " class=\"n\"" : "") + (*scope != 0 ? fmt::format(" scope=\"{}\"", scope) : "");
+    return fmt::format("<{0}{1}>{2}</{0}>", *scope != 0 ? "th" : "td", attributes, html);
   };
-  std::string out = "<div class=\"scroll\"><table>\n";
-  if (std::ranges::any_of(header, [](const std::string& text) { return !text.empty(); })) {
+  // What scrolls sideways has to be reached by keyboards.
+  std::string out = "<div class=\"scroll\" tabindex=\"0\"><table>\n";
+  if (has_head) {
     out += "<thead><tr>";
-    for (size_t c = 0; c < header.size(); ++c) out += cell("th", c, escaped(header[c].substr(is_number(c) ? 1 : 0)));
+    for (size_t c = 0; c < header.size(); ++c) out += cell("col", c, escaped(header[c].substr(is_number(c) ? 1 : 0)));
     out += "</tr></thead>\n";
   }
   out += "<tbody>\n";
@@ -108,7 +122,9 @@ std::string table(const Cells& header, const std::vector<Cells>& rows) {
       std::string text = escaped(row[c]);
       if (row[c].starts_with('`')) text = "<code>" + text.substr(1) + "</code>";
       if (row[c].starts_with('~')) text = "<s>" + text.substr(1) + "</s>";
-      out += cell("td", c, text);
+      // What a row is about: its first cell where that has no head of its own.
+      const bool names_row = c == 0 && row.size() > 1 && (!has_head || header[0].empty());
+      out += cell(names_row ? "row" : "", c, text);
     }
     out += "</tr>\n";
   }

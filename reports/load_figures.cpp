@@ -241,7 +241,8 @@ Stiffness stiffness_of(const RunRecord& record, const Group& group, StiffnessNum
       const double least = std::abs(force) / (std::copysign(1, force) * delta + 2 * spread);
       out.at_least.push_back({force, least});
       numbers.loads.push_back(force);
-      numbers.csv += line("at_least", r.channel, group.series, r.trial, force, delta / kMillimetre, "", "", least, "");
+      numbers.csv +=
+          line("at_least", r.channel, group.series, r.trial, r.line, force, delta / kMillimetre, "", "", least, "");
     } else if (delta != 0) {
       const double k = force / delta, sigma = std::abs(force) * spread / (delta * delta);
       // 1/x is not symmetric: near no displacement the upper bar is the longer one by far.
@@ -250,7 +251,7 @@ Stiffness stiffness_of(const RunRecord& record, const Group& group, StiffnessNum
           near ? std::pair(k - sigma, k + sigma) : std::minmax({force / (delta + spread), force / (delta - spread)});
       out.points[i] = {force, k, low, high, sigma};
       numbers.add(force, k, sigma, low, high);
-      numbers.csv += line(r.excluded ? "excluded" : "reading", r.channel, group.series, r.trial, force,
+      numbers.csv += line(r.excluded ? "excluded" : "reading", r.channel, group.series, r.trial, r.line, force,
                           delta / kMillimetre, k, sigma, low, high);
     }
   }
@@ -271,8 +272,8 @@ Stiffness stiffness_of(const RunRecord& record, const Group& group, StiffnessNum
     const double half = half95(se) * std::abs(force) / (delta * delta);
     out.band.add(force, k, 0, half);
     numbers.add(force, k, half / k95, k - half, k + half);
-    numbers.csv +=
-        line("curve", group.channel, group.series, "", force, delta / kMillimetre, k, half / k95, k - half, k + half);
+    numbers.csv += line("curve", group.channel, group.series, "", "", force, delta / kMillimetre, k, half / k95,
+                        k - half, k + half);
   }
   return out;
 }
@@ -284,7 +285,7 @@ void add_trend(Page& page, const RunRecord& record, const Group& group, Points p
   Rows polynomial = trend(points, degree);
   std::erase_if(polynomial, [&](const std::vector<double>& point) { return positive_only && !(point[1] > 0); });
   for (const std::vector<double>& point : polynomial)
-    csv += line("trend", group.channel, group.series, "", point[0], "", point[1], "", "", "");
+    csv += line("trend", group.channel, group.series, "", "", point[0], "", point[1], "", "", "");
   page.add(plots, polynomial, "lines lw 1.6 dt (6,4)", group.colour);
 }
 
@@ -367,8 +368,8 @@ void add_misses(Page& page, const RunRecord& record, const Groups& groups, const
     numbers.places.push_back(place);
     numbers.scaled.insert(numbers.scaled.end(), {ratio - 1, ratio + 1});
     misses.reach.insert(misses.reach.end(), {(residual - r.sigma) / unit.factor, (residual + r.sigma) / unit.factor});
-    numbers.csv +=
-        units.row(line(r.channel, group.series, r.trial, load, absolute[i][1], absolute[i][2], ratio), r.channel);
+    numbers.csv += units.row(
+        line(r.channel, group.series, r.trial, r.line, load, absolute[i][1], absolute[i][2], ratio), r.channel);
   }
   add_points(page, record, groups, group, absolute, "yerrorbars", misses.plots);
   add_points(page, record, groups, group, ratios, "yerrorbars", misses.scaled_plots);
@@ -406,7 +407,7 @@ std::optional<Drawing> force_displacement(const RunRecord& record) {
   LoadSheet sheet(record, groups, legend_with_model(groups, {LegendEntry::bar_along_x, "± 1 σ of a reading"}), title);
 
   std::string csv =
-      units.heads(fmt::format("kind,channel,series,trial,load_N,{},{},{},{}\n", units.column(units.what()),
+      units.heads(fmt::format("kind,channel,series,trial,line,load_N,{},{},{},{}\n", units.column(units.what()),
                               units.column("sigma"), units.column("band_lower"), units.column("band_upper")));
   std::vector<std::vector<double>> shown(groups.channels.size());
   std::vector<double> loads = record.load_newtons;
@@ -419,9 +420,9 @@ std::optional<Drawing> force_displacement(const RunRecord& record) {
       const double load = record.load_newtons[i], x = group.sign * r.measured / unit, sigma = r.sigma / unit;
       points[i] = {x, load, sigma};
       reach.insert(reach.end(), {x - sigma, x + sigma});
-      csv +=
-          units.row(line(r.excluded ? "excluded" : "reading", r.channel, group.series, r.trial, load, x, sigma, "", ""),
-                    r.channel);
+      csv += units.row(
+          line(r.excluded ? "excluded" : "reading", r.channel, group.series, r.trial, r.line, load, x, sigma, "", ""),
+          r.channel);
     }
     add_points(sheet.page, record, groups, group, points, "xerrorbars", sheet.points[group.panel]);
     if (group.curve == nullptr) continue;
@@ -432,9 +433,17 @@ std::optional<Drawing> force_displacement(const RunRecord& record) {
       band.add(x, load, half, 0);
       reach.insert(reach.end(), {x - half, x + half});
       loads.push_back(load);
-      csv += units.row(line("curve", group.channel, group.series, "", load, x, se, x - half, x + half), group.channel);
+      csv +=
+          units.row(line("curve", group.channel, group.series, "", "", load, x, se, x - half, x + half), group.channel);
     }
     band.draw(sheet.page, group.colour, sheet.curves[group.panel]);
+    for (const CurveRecord& start : record.start_curves) {  // for the numbers and the page's own figure
+      if (start.channel != group.channel || start.series != group.series) continue;
+      for (size_t i = 0; i < start.load.size(); ++i)
+        csv += units.row(line("start", group.channel, group.series, "", "", start.load[i],
+                              group.sign * start.value.at(i) / unit, "", "", ""),
+                         group.channel);
+    }
   }
   for (size_t c = 0; c < groups.channels.size(); ++c) {
     const std::string& channel = groups.channels[c];
@@ -455,7 +464,7 @@ std::optional<Drawing> effective_stiffness(const RunRecord& record) {
   const Groups groups = groups_of(record, Quantity::length);
   StiffnessNumbers numbers;
   numbers.csv =
-      "kind,channel,series,trial,load_N,displacement_mm,stiffness_N_per_m,sigma_N_per_m,band_lower_N_per_m,"
+      "kind,channel,series,trial,line,load_N,displacement_mm,stiffness_N_per_m,sigma_N_per_m,band_lower_N_per_m,"
       "band_upper_N_per_m\n";
   std::vector<Stiffness> rows;
   for (const Group& group : groups.all) rows.push_back(stiffness_of(record, group, numbers));
@@ -536,7 +545,7 @@ std::optional<Drawing> residuals(const RunRecord& record) {
 
   const ReadingUnits units(record);
   ResidualNumbers numbers;
-  numbers.csv = units.heads(fmt::format("channel,series,trial,load_N,{},{},normalised_residual\n",
+  numbers.csv = units.heads(fmt::format("channel,series,trial,line,load_N,{},{},normalised_residual\n",
                                         units.column("residual"), units.column("sigma")));
   for (size_t g = 0; g < groups.all.size(); ++g) {
     const Group& group = groups.all[g];

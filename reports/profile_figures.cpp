@@ -105,7 +105,7 @@ std::string interval_marks(const ParameterEstimate& estimate, const DisplayUnit&
   std::string extra = shade(edge(estimate.lower95, 0) + ", graph 0", edge(estimate.upper95, 1) + ", graph 1",
                             "transparent solid 0.14", colour(0)) +
                       horizontal_line(kRise, colour(1), kDashed);
-  extra += fmt::format("set label '{:.2f}' at {}, {} center offset 0,0.6 font ',11' tc rgb '{}'\n", kRise,
+  extra += fmt::format("set label '{:.2f}' at {}, {} center offset 0,0.6 font ',12' tc rgb '{}'\n", kRise,
                        first(estimate.value / unit.factor), first(kRise), colour(1));
   for (const bool upper : {false, true}) {
     if (upper ? estimate.upper95.has_value() : estimate.lower95.has_value()) continue;

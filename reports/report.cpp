@@ -8,6 +8,7 @@
 #include "reports/axes.hpp"
 #include "reports/estimate_text.hpp"
 #include "reports/html.hpp"
+#include "reports/page_data.hpp"
 #include "reports/run_record_members.hpp"
 #include "reports/run_sections.hpp"
 
@@ -27,7 +28,8 @@ std::string page_of(const RunRecord& record, const std::vector<Section>& section
   body += paragraph(fmt::format("{} readings, fitted with taut {} on {}", fitted_readings(record),
                                 record.provenance.version, record.provenance.started),
                     "origin");
-  return html::page(record.simulated ? "SIMULATED DATA: " + record.title : record.title, body + html_of(sections));
+  return html::page(record.simulated ? "SIMULATED DATA: " + record.title : record.title,
+                    body + html_of(sections) + interactive(record, sections));
 }
 
 /// Walks the members of a reading: a line of predictions.csv, and the heads of its columns.

@@ -291,7 +291,7 @@ std::optional<Section> correlations(const RunRecord& record) {
       row.push_back(std::isfinite(value) ? fmt::format("{:.3f}", value) : "not known");
   }
   return Section{
-      "<h2>How the parameters hang together</h2>\n" + table(header, rows) +
+      "<h2>How the parameters hang together</h2>\n<div id=\"correlations\">\n" + table(header, rows) + "</div>\n" +
       paragraph("Correlation of the estimates. Near +1 or -1, the readings fix a combination of two parameters but "
                 "not each of them.")};
 }

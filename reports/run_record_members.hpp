@@ -265,8 +265,8 @@ void describe_readings(auto&& a, RunRecord& record) {
   });
 }
 
-void describe_curves(auto&& a, RunRecord& record) {
-  a.walk_list(record.curves, [&](auto&& entry, CurveRecord& curve) {
+void describe_curves(auto&& a, RunRecord& record, std::vector<CurveRecord>& curves) {
+  a.walk_list(curves, [&](auto&& entry, CurveRecord& curve) {
     entry("channel", curve.channel);
     entry("series", curve.series);
     entry(over_strain(record) ? "strain" : over_time(record) ? "time_s" : "load_N", curve.load);
@@ -312,7 +312,9 @@ void describe(auto&& a, RunRecord& record) {
                             "the index of a control, or -1");
   describe_readings(a["readings"], record);
   if (a.there("equilibria", !record.equilibria.empty())) a("equilibria", record.equilibria);
-  describe_curves(a["curves"], record);
+  describe_curves(a["curves"], record, record.curves);
+  if (a.there("start_curves", !record.start_curves.empty()))
+    describe_curves(a["start_curves"], record, record.start_curves);
   a("shape_axes", std::tie(record.shape_axes[0], record.shape_axes[1]));
   a("shapes", record.shapes);
   if (a.there("trend_degree")) a("trend_degree", record.trend_degree);

@@ -5,18 +5,20 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 
 namespace taut::plot {
 namespace {
 
 constexpr size_t kFewSamples = 40;  // up to here each sample is a point
 
-std::string label_of(const Series& series) {
-  return series.meaning.empty() ? series.id : series.meaning;
-}
-
-/// The sample variable as a series.
+/// What curves run over: the sample variable as a series; of equilibria the control that drives them, where it does not
+/// turn back.
 Series samples_of(const SimulationRecord& record) {
+  if (const Series* driver = driver_of(record);
+      driver != nullptr &&
+      (std::ranges::is_sorted(driver->values) || std::ranges::is_sorted(driver->values, std::greater())))
+    return *driver;
   return {record.sample_name, record.sample_unit, record.sample_name, record.samples};
 }
 
@@ -161,24 +163,36 @@ std::string ids_of(const std::vector<const Series*>& list) {
 
 }  // namespace
 
+std::string label_of(const Series& series) {
+  return series.meaning.empty() ? series.id : series.meaning;
+}
+
+std::string shown_value(const Series& series, size_t sample) {
+  const WrittenUnit unit = shown_unit(series.unit, series.values);
+  double largest = 0, value = series.values[sample] / unit.factor;
+  for (const double other : series.values) largest = std::max(largest, std::isfinite(other) ? std::abs(other) : 0);
+  if (std::abs(value) < 1e-4 * largest / unit.factor) value = 0;
+  return fmt::format("{:.4g}{}{}", value + 0.0, unit.label.empty() ? "" : " ", unit.label);
+}
+
 std::optional<Drawing> channels_of_unit(const SimulationRecord& record, const std::string& si_unit) {
   std::vector<const Series*> channels, controls;
+  const Series x = samples_of(record);
   for (const Series& channel : record.channels) {
     if (channel.unit == si_unit) channels.push_back(&channel);
   }
   if (channels.empty()) return std::nullopt;
   for (const Series& control : record.controls) {
-    if (control.id != record.sample_name && moves(control)) controls.push_back(&control);
+    if (control.id != x.id && moves(control)) controls.push_back(&control);
   }
   const WrittenUnit unit = common_unit(channels);
   const std::string title =
-      (unit.label.empty() ? "channels without unit" : "channels in " + unit.label) + " over " + record.sample_name;
+      (unit.label.empty() ? "channels without unit" : "channels in " + unit.label) + " over " + label_of(x);
   std::vector<Panel> panels = {{"Computed", channels, 300}};
   for (const auto& group : by_unit(controls)) panels.push_back({"Prescribed", group, 110});
-  std::string caption = fmt::format("What the simulation computes ({}) over {}", ids_of(channels), record.sample_name);
+  std::string caption = fmt::format("What the simulation computes ({}) over {}", ids_of(channels), label_of(x));
   caption += controls.empty() ? "." : fmt::format("; below it the controls that drive it ({}).", ids_of(controls));
-  return curves(record, "channels_" + file_name_of(written_unit(si_unit).suffix), title, caption, samples_of(record),
-                panels, false);
+  return curves(record, "channels_" + file_name_of(written_unit(si_unit).suffix), title, caption, x, panels, false);
 }
 
 Drawing asked_plot(const SimulationRecord& record, const SimulationRecord::Plot& plot) {

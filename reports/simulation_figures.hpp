@@ -10,7 +10,13 @@
 /// inside reports/ only.
 namespace taut::plot {
 
-/// All channels of one SI unit over the samples, with the controls that move below; nothing without such channels.
+std::string label_of(const Series& series);  ///< its meaning, else its id
+
+/// "12.5 mm", in the unit in which figures show the series; what is nothing beside its largest value is 0.
+std::string shown_value(const Series& series, size_t sample);
+
+/// All channels of one SI unit over the samples (of equilibria over the control that drives them, unless it turns
+/// back), with the controls that move below; nothing without such channels.
 std::optional<Drawing> channels_of_unit(const SimulationRecord& record, const std::string& si_unit);
 
 /// A plot of the record, one panel per unit of its y; start and end are marked when x is not the sample variable.

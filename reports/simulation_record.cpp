@@ -60,6 +60,15 @@ void check(const SimulationRecord& record) {
   }
 }
 
+const Series* driver_of(const SimulationRecord& record) {
+  if (!record.at_rest || record.sample_unit != "s") return nullptr;
+  for (const Series& control : record.controls) {
+    if (std::ranges::any_of(control.values, [&](double value) { return value != control.values.front(); }))
+      return &control;
+  }
+  return nullptr;
+}
+
 std::string file_name_of(const std::string& text) {
   std::string name = text;
   for (char& c : name) {

@@ -46,6 +46,7 @@ struct SimulationRecord {
   std::vector<DrawnGround> grounds;
   std::string sample_name = "time", sample_unit = "s";  ///< what the samples run over
   std::vector<double> samples;                          ///< SI; every series has a value at each
+  bool at_rest = false;  ///< a sequence of equilibria: time only orders them, and controls drive
   std::vector<Series> controls, channels;
   std::vector<int> frames;              ///< samples with a stored state, ascending
   std::vector<Eigen::VectorXd> states;  ///< u of each frame [m], all unknowns
@@ -75,6 +76,9 @@ void check(const SimulationRecord& record);
 
 /// Controls, then channels; a control that is the sample variable itself is left out.
 std::vector<const Series*> all_series(const SimulationRecord& record);
+
+/// What drives a sequence of equilibria: its first control that varies. Null where time does, or nothing varies.
+const Series* driver_of(const SimulationRecord& record);
 
 /// `text` with everything but letters, digits, '-', '_' and '.' made '_': a part of a file name.
 std::string file_name_of(const std::string& text);

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 
 #include "reports/animation.hpp"
@@ -18,11 +19,55 @@ using html::escaped;
 
 constexpr size_t kLargestInline = 2'000'000;  // bytes of a figure within the page
 
-std::optional<Section> overview(const SimulationRecord& record) {
+/// "tip_angle goes from 0 deg at 0 mm of retraction to -89.2 deg at 17.1 mm", and what it reaches in between.
+std::string course_of(const Series& x, const Series& y) {
+  std::vector<size_t> known;
+  for (size_t k = 0; k < y.values.size(); ++k) {
+    if (std::isfinite(y.values[k])) known.push_back(k);
+  }
+  if (known.empty()) return plot::label_of(y) + " has no value";
+  const size_t first = known.front(), last = known.back();
+  const auto at = [&](size_t k) {
+    return fmt::format("{} at {} {}", plot::shown_value(y, k), plot::label_of(x), plot::shown_value(x, k));
+  };
+  std::string text = fmt::format("{} goes from {} to {}", plot::label_of(y), at(first), at(last));
+  const double low = std::min(y.values[first], y.values[last]), high = std::max(y.values[first], y.values[last]);
+  const auto [least, most] = std::ranges::minmax_element(known, {}, [&](size_t k) { return y.values[k]; });
+  const double beyond = 0.02 * (y.values[*most] - y.values[*least]);
+  if (y.values[*least] < low - beyond) text += fmt::format("; the least is {}", at(*least));
+  if (y.values[*most] > high + beyond) text += fmt::format("; the most is {}", at(*most));
+  return text;
+}
+
+/// What the scene asks: its plots in words, else its first channel.
+std::optional<Section> question(const SimulationRecord& record) {
+  const Series time{record.sample_name, record.sample_unit, record.sample_name, record.samples};
+  const Series* driver = driver_of(record);
+  std::vector<const Series*> all = all_series(record);
+  all.push_back(&time);
+  const auto named = [&](const std::string& id) {
+    const auto found = std::ranges::find(all, id, &Series::id);
+    return found != all.end() ? *found : driver != nullptr ? driver : &time;
+  };
+  std::vector<SimulationRecord::Plot> plots = record.plots;
+  if (plots.empty() && !record.channels.empty()) plots.push_back({"", "", "", {record.channels.front().id}});
+  std::string html;
+  for (const SimulationRecord::Plot& plot : plots) {
+    for (const std::string& y : plot.y) {
+      const Series& x = *named(plot.x.empty() && driver != nullptr ? driver->id : plot.x);
+      html +=
+          html::paragraph(fmt::format("{}{}{}.", plot.title, plot.title.empty() ? "" : ": ", course_of(x, *named(y))));
+    }
+  }
+  if (html.empty()) return html_section(html::paragraph(record.description));
+  return html_section(html::paragraph(record.description) + "<div class=\"answer\">\n" + html + "</div>\n");
+}
+
+std::optional<Section> how_computed(const SimulationRecord& record) {
   std::vector<html::Cells> rows = {
       {"Mesh", fmt::format("{} elements, {} nodes", record.mesh.element_count(), record.mesh.node_count())}};
   for (const auto& [fact, text] : record.facts) rows.push_back({fact, text});
-  return Section{html::paragraph(record.description) + html::table({"", ""}, rows)};
+  return Section{"<h2>How it was computed</h2>\n" + html::table({"", ""}, rows)};
 }
 
 std::optional<Section> what_happens(const SimulationRecord& record) {
@@ -47,7 +92,9 @@ std::optional<Section> what_it_gives(const SimulationRecord& record) {
 std::optional<Section> how_to_read(const SimulationRecord& record) {
   std::vector<std::string> hints = {
       "Displacements are drawn as they are, not magnified; lengths along all axes have one scale.",
-      record.sample_unit == "s"
+      record.at_rest && record.sample_unit == "s"
+          ? "The run is a sequence of equilibria: time only orders them, nothing in it says how fast it happens."
+      : record.sample_unit == "s"
           ? "Curves and pictures are over simulated time."
           : fmt::format("The run is a sequence of equilibria over {}: nothing in it says how fast it happens.",
                         record.sample_name),
@@ -70,18 +117,24 @@ std::optional<Section> origin(const SimulationRecord& record) {
   return Section{html};
 }
 
-constexpr MakeSection<SimulationRecord> kPage[] = {overview, what_happens, what_it_gives, how_to_read, origin};
+constexpr MakeSection<SimulationRecord> kPage[] = {question,     what_happens, what_it_gives,
+                                                   how_computed, how_to_read,  origin};
 
 std::string page_of(const SimulationRecord& record, const std::vector<Section>& sections) {
   const SampleLabel label(record);
+  const Series* driver = driver_of(record);
   return html::page(
       "Simulation: " + record.title,
       html::paragraph("SIMULATION: everything below was computed from a model, nothing was measured.", "banner") +
           fmt::format("<h1>{}</h1>\n", escaped(record.title)) +
-          html::paragraph(fmt::format("{} samples over {} from {} to {}, {} stored states; taut {}",
-                                      record.samples.size(), record.sample_name, label(record.samples.front()),
-                                      label(record.samples.back()), record.states.size(), record.version),
-                          "origin") +
+          html::paragraph(
+              fmt::format("{} {} over {} from {} to {}, {} stored states; taut {}", record.samples.size(),
+                          record.at_rest ? "equilibria" : "samples",
+                          driver ? plot::label_of(*driver) : record.sample_name,
+                          driver ? plot::shown_value(*driver, 0) : label(record.samples.front()),
+                          driver ? plot::shown_value(*driver, driver->values.size() - 1) : label(record.samples.back()),
+                          record.states.size(), record.version),
+              "origin") +
           html_of(sections, kLargestInline));
 }
 

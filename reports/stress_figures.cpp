@@ -34,8 +34,8 @@ Mode mode_of(Page& page, const RunRecord& record, const std::string& name, const
     (r.excluded ? excluded : points).push_back({r.controls.at(0) / kPerCent, stress, sigma});
     mode.strains.push_back(r.controls[0] / kPerCent);
     mode.stresses.insert(mode.stresses.end(), {stress - sigma, stress + sigma});
-    csv += line(r.excluded ? "excluded" : "reading", r.channel, "", r.controls[0], stress, sigma, "", "",
-                (r.measured - r.predicted) / r.sigma);
+    csv += line(r.excluded ? "excluded" : "reading", r.channel, "", r.trial, r.line, r.controls[0], stress, sigma, "",
+                "", (r.measured - r.predicted) / r.sigma);
   }
   for (const CurveRecord& curve : record.curves) {
     if (curve.channel != name) continue;
@@ -48,7 +48,8 @@ Mode mode_of(Page& page, const RunRecord& record, const std::string& name, const
       band.add(strain, stress, 0, half);
       mode.strains.push_back(strain);
       mode.stresses.push_back(stress);
-      csv += line("curve", curve.channel, curve.series, curve.load[i], stress, "", stress - half, stress + half, "");
+      csv += line("curve", curve.channel, curve.series, "", "", curve.load[i], stress, "", stress - half, stress + half,
+                  "");
     }
     band.draw(page, colour(s), mode.curves);
     for (const ReadingRecord& r : record.readings) {
@@ -90,7 +91,8 @@ std::optional<Drawing> stress_strain(const RunRecord& record) {
   const Grid grid = Grid({.gap = 58}, legend, modes.size()).rows({300, 170});
   const std::string title = "Stress and strain";
   Page page = grid.page(title, record.title, record.simulated);
-  std::string csv = "kind,mode,series,strain,stress_kPa,sigma_kPa,band_lower_kPa,band_upper_kPa,normalised_residual\n";
+  std::string csv =
+      "kind,mode,series,trial,line,strain,stress_kPa,sigma_kPa,band_lower_kPa,band_upper_kPa,normalised_residual\n";
   for (size_t m = 0; m < modes.size(); ++m) {
     const Mode mode = mode_of(page, record, modes[m], series, csv);
     const std::string strain = modes[m] == "shear" ? "amount of shear" : drawn_control(record).label;

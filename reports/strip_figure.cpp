@@ -120,7 +120,7 @@ class Picture {
       const Eigen::Vector3d along = 26 * view_(Eigen::Vector3d::Unit(c));
       text += fmt::format("set arrow from {} to {} head filled size screen 0.006,20 lw 1.2 lc rgb '{}'\n",
                           screen(Eigen::Vector3d::Zero()), screen(along), kGrey);
-      text += fmt::format("set label '{}' at {} center font ',11' tc rgb '{}'\n", "xyz"[c], screen(1.5 * along), kGrey);
+      text += fmt::format("set label '{}' at {} center font ',12' tc rgb '{}'\n", "xyz"[c], screen(1.5 * along), kGrey);
     }
     return text;
   }
@@ -297,6 +297,7 @@ Drawing strip(const SimulationRecord& record) {
   x.step = y.step = std::max(axis_over({x.low, x.high}, "", static_cast<int>(layout.across / 70), false).step,
                              axis_over({y.low, y.high}, "", 4, false).step);
   const SampleLabel sample_label(record);
+  const Series* driver = driver_of(record);
   const WrittenUnit written = written_unit(record.sample_unit);
   std::string csv = fmt::format("{},kind,name,part,{}\n", field(record.sample_name + "_" + written.suffix),
                                 picture.flat() ? "x_mm,y_mm" : "right_mm,up_mm,toward_viewer_mm");
@@ -308,13 +309,17 @@ Drawing strip(const SimulationRecord& record) {
     y.label = picture.flat() ? "y [mm]" : "";
     extra += picture.flat() ? outer_labels(x, y, i + layout.columns >= chosen.size(), grid.leftmost(i))
                             : "unset tics\nset border 15 lc rgb '#dddddd'\n";
-    page.panel(grid.box(i), x, y, fmt::format("{} {}", record.sample_name, sample_label(sample)), plots, extra);
+    const std::string title =
+        driver != nullptr
+            ? label_of(*driver) + " " + shown_value(*driver, static_cast<size_t>(record.frames[chosen[i]]))
+            : record.sample_name + " " + sample_label(sample);
+    page.panel(grid.box(i), x, y, title, plots, extra);
   }
   if (!picture.flat()) add_scale_bar(page, x.step, x.step * layout.across / width, picture.axes(44, 26, grid.height));
   std::string caption = fmt::format(
       "{} of {} stored states from the start to the end of the run, in one window and at one scale; above each "
       "stands its {}.",
-      chosen.size(), record.states.size(), record.sample_name);
+      chosen.size(), record.states.size(), driver != nullptr ? label_of(*driver) : record.sample_name);
   caption += picture.flat() ? "" : " Seen from above at a corner (isometric), without perspective.";
   return Drawing{{"strip", "states of the run, to one scale", caption}, csv, page};
 }

@@ -260,6 +260,8 @@ class Run {
         stage("other equilibria", [&] { find_other_equilibria(); });
       record_.swings = bench_.swings(record_.fit.predicted);
       if (bench_.one_model()) stage("drawing curves", [&] { add_curves(bench_, record_.fit, free_, "curves"); });
+      if (bench_.one_model() && bench_.trials_at_rest() != nullptr)
+        stage("drawing what the fit started from", [&] { add_start_curves(); });
       stage("drawing shapes", [&] { draw(); });
       if (bench_.trials_at_rest() != nullptr && record_.fit.followed.empty())
         stage("what would explain the misfit", [&] { explain(bench_, asking("explanations"), record_); });
@@ -306,6 +308,15 @@ class Run {
                   const std::string& sections) {
     const std::vector<CurveRecord> curves = bench.curves(fit.p, free, fit.covariance, asking(sections));
     if (!stopped()) record_.curves.insert(record_.curves.end(), curves.begin(), curves.end());
+  }
+
+  /// Where the search began, so that one sees how far the readings pulled it. Conditions in which the model has no
+  /// equilibrium there are NaN: nothing is missing then.
+  void add_start_curves() {
+    Params p = record_.fit.p;
+    for (size_t i = 0; i < free_.size(); ++i) p[free_[i].index] = record_.fit.parameters[i].start;
+    const std::vector<CurveRecord> curves = bench_.curves(p, {}, {}, asking("curves at the start"));
+    if (!stopped()) record_.start_curves = curves;
   }
 
   void draw() {

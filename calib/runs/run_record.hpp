@@ -130,6 +130,7 @@ struct RunRecord {
   std::vector<FrictionRow> lip_friction;  ///< rows of closed modules; empty: not asked for, or none closes
   std::vector<ReadingRecord> readings;
   std::vector<CurveRecord> curves;
+  std::vector<CurveRecord> start_curves;  ///< with the starts of the parameters, standard errors 0; of benches at rest
   std::vector<ShapeRecord> shapes;
   std::array<std::string, 2> shape_axes;  ///< "x", "z"
   int trend_degree = 0;                   ///< of the polynomial through each series of the effective stiffness; 0: none

@@ -145,14 +145,19 @@ nlohmann::ordered_json summary_json(const SimulationRecord& record) {
   return json;
 }
 
+/// As people say it: angles in degrees.
+std::string summary_text(double value, const std::string& unit) {
+  return unit == "rad" ? fmt::format("{:.4g} deg", value * 180 / M_PI) : with_unit(value, unit);
+}
+
 void print_summary(const SimulationRecord& record) {
   fmt::print("{} (a simulation)\n", record.title);
   for (const auto& [label, text] : record.facts) fmt::print("{:<18} {}\n", label, text);
   fmt::print("{:<22} {:>14} {:>14} {:>14}\n", "channel", "least", "most", "end");
   for (const Series& series : record.channels) {
     const auto [least, most] = std::minmax_element(series.values.begin(), series.values.end());
-    fmt::print("{:<22} {:>14} {:>14} {:>14}\n", series.id, with_unit(*least, series.unit),
-               with_unit(*most, series.unit), with_unit(series.values.back(), series.unit));
+    fmt::print("{:<22} {:>14} {:>14} {:>14}\n", series.id, summary_text(*least, series.unit),
+               summary_text(*most, series.unit), summary_text(series.values.back(), series.unit));
   }
   for (const auto& workspace : record.workspaces)
     fmt::print("workspace {:<12} {:.4g} +- {:.2g} cm2 (half of the samples, or a finer outline)\n", workspace.mode,
@@ -277,6 +282,7 @@ SimulationRecord start_simulation_record(const Simulation& simulation, const Rob
   record.name = file_name_of(experiment_name(simulation.path));
   record.title = simulation.title;
   record.description = simulation.description;
+  record.at_rest = simulation.method == SimulationMethod::quasi_static;
   record.mesh = robot.scene.model->mesh();
   for (const std::string& remark : record.mesh.remarks) record.facts.emplace_back("mesh", remark);
   if (const std::string text = blind_patches(robot); !text.empty()) record.facts.emplace_back("no contact of", text);

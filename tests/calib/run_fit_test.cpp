@@ -52,12 +52,30 @@ TEST_F(RunFit, AStageThatThrowsIsARemarkAndCostsItselfAlone) {
     EXPECT_EQ(record.fit.p, whole.fit.p) << faulty;
     EXPECT_EQ(kept, static_cast<int>(stages.size()) + 1) << "after the fit and after each stage";
     const size_t parts = record.curves.size() + record.shapes.size() + record.shares.size() +
-                         record.diagnostics.size() + record.variants.size() + record.explanations.size();
+                         record.diagnostics.size() + record.variants.size() + record.explanations.size() +
+                         record.start_curves.size();
     const size_t all = whole.curves.size() + whole.shapes.size() + whole.shares.size() + whole.diagnostics.size() +
-                       whole.variants.size() + whole.explanations.size();
+                       whole.variants.size() + whole.explanations.size() + whole.start_curves.size();
     EXPECT_TRUE(parts < all || faulty == "the replay" || faulty == "the scatter" || faulty == "other equilibria")
         << faulty;
   }
+}
+
+TEST_F(RunFit, CurvesAtTheStartAreThoseOfTheStartingModulus) {
+  // Small loads on one elastic material: displacements go with the inverse of the modulus.
+  const RunRecord record =
+      run({}, replaced(beam_toml, "0.1 mm", "0.001 mm"), "trial,pull_N,tip_mm\na,0.0005,0.3\na,0.001,0.6\n");
+  ASSERT_EQ(record.fit.status, FitStatus::converged) << record.fit.message;
+  const ParameterEstimate& modulus = record.fit.parameters.front();
+  ASSERT_GT(std::abs(std::log(modulus.start / modulus.value)), 0.05);
+  ASSERT_EQ(record.start_curves.size(), record.curves.size());
+  ASSERT_EQ(record.start_curves.size(), 1u);
+  const CurveRecord &start = record.start_curves[0], &fitted = record.curves[0];
+  EXPECT_EQ(start.load, fitted.load);
+  ASSERT_EQ(start.value.size(), fitted.value.size());
+  for (size_t i = 0; i < start.value.size(); ++i)
+    EXPECT_NEAR(start.value[i] * modulus.start, fitted.value[i] * modulus.value,
+                1e-3 * std::abs(fitted.value[i]) * modulus.value);
 }
 
 TEST_F(RunFit, PartsWhoseModuliScatterAreAShareOfTheirSpreadAndSayWhatTheNextOneWillBe) {

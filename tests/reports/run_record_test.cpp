@@ -95,6 +95,20 @@ TEST_F(RunRecordTest, ReadingBackReproducesTheRecord) {
   }
 }
 
+TEST_F(RunRecordTest, CurvesAtTheStartSurviveWithNullWhereTheModelFailedThere) {
+  RunRecord record = test::hanging_block();
+  EXPECT_FALSE(nlohmann::json::parse(to_json(record)).contains("start_curves"));
+  record.start_curves = {record.curves[1]};
+  record.start_curves[0].value[3] = kNaN;
+  write_file(path("fit.json"), to_json(record));
+  const RunRecord again = read_run(folder_.string());
+  ASSERT_EQ(again.start_curves.size(), 1u);
+  EXPECT_EQ(again.start_curves[0].channel, record.curves[1].channel);
+  EXPECT_EQ(again.start_curves[0].load, record.curves[1].load);
+  EXPECT_TRUE(std::isnan(again.start_curves[0].value[3]));
+  EXPECT_EQ(again.start_curves[0].value[4], record.curves[1].value[4]);
+}
+
 TEST_F(RunRecordTest, ProfilesAndDiagnosticsSurviveFailedOnesAsNull) {
   RunRecord record = test::push_puppet_module();
   record.diagnostics[1].value = record.diagnostics[1].standard_error = kNaN;

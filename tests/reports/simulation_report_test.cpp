@@ -5,10 +5,12 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <nlohmann/json.hpp>
 #include <regex>
 #include <set>
 
 #include "calib/data/csv_table.hpp"
+#include "reports/animation.hpp"
 #include "sim/core/units.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/message.hpp"
@@ -221,7 +223,7 @@ TEST_F(SimulationFiles, TheReportHoldsEveryFigureAndLoadsNothing) {
     EXPECT_NE(report.find(part), std::string::npos) << part;
   }
   EXPECT_EQ(report.find("<bends>"), std::string::npos);
-  EXPECT_EQ(count("plane/report.html", "<figure>"), 8u);  // strip, two plots, workspaces, mm, deg, N, J
+  EXPECT_EQ(count("plane/report.html", "<figure "), 8u);  // strip, two plots, workspaces, mm, deg, N, J
   for (const char* outside : {"src=", "@import", "href=\"http", "url(http"}) {
     EXPECT_EQ(report.find(outside), std::string::npos) << outside;
   }
@@ -244,6 +246,39 @@ TEST_F(SimulationFiles, AControlThatNeverMovesIsNotDrawnAndOneThatIsTheSampleVar
   EXPECT_EQ(header("plane/figures/plot_path.csv"), "tip_x_mm,tip_y_mm");
   EXPECT_EQ(header("space/channels.csv"), "turn_deg,torque_Nm");
   EXPECT_EQ(header("space/figures/channels_Nm.csv"), "turn_deg,torque_Nm");
+}
+
+TEST(SimulationAtRest, RunsOverTheControlThatDrivesItAndItsPageBeginsWithWhatThePlotsFound) {
+  SimulationRecord record = bending_beam(11);
+  record.at_rest = true;
+  record.plots = {{"pull", "What the cable does", "", {"tip_angle"}}};
+  for (size_t k = 0; k < 21; ++k) {
+    record.controls[0].values[k] = 1e-3 * static_cast<double>(k);
+    record.channels[2].values[k] = k == 15 ? 1.2 : 0.05 * static_cast<double>(k);  // 1 rad in the end
+  }
+  record.channels[2].values[0] = 1e-7;
+  const TemporaryFolder folder;
+  write_simulation(record, folder / "run");
+  const std::string page = text_of(folder / "run/report.html");
+  const size_t answer = page.find(
+      "What the cable does: turn of the tip goes from 0 deg at upper cable pulled in 0 mm to "
+      "57.3 deg at upper cable pulled in 20 mm; the most is 68.75 deg at upper cable pulled "
+      "in 15 mm.");
+  ASSERT_NE(answer, std::string::npos);
+  EXPECT_LT(answer, page.find("What happens"));
+  EXPECT_NE(page.find("21 equilibria over upper cable pulled in from 0 mm to 20 mm"), std::string::npos);
+  EXPECT_NE(page.find("upper cable pulled in 20 mm"), std::string::npos) << "in the strip";
+  EXPECT_TRUE(text_of(folder / "run/figures/channels_deg.csv").starts_with("retraction_upper_mm,tip_angle_deg"));
+  const auto json = nlohmann::json::parse(animation_json(record))["sample"];
+  EXPECT_EQ(json["name"], "upper cable pulled in");
+  EXPECT_EQ(json["seconds"], 0.0);
+  EXPECT_EQ(json["values"].back(), 20.0);
+  // Time drives where inertia is in it, and where no control moves.
+  record.at_rest = false;
+  EXPECT_EQ(driver_of(record), nullptr);
+  record.at_rest = true;
+  for (Series& control : record.controls) std::ranges::fill(control.values, 1.0);
+  EXPECT_EQ(driver_of(record), nullptr);
 }
 
 TEST(SimulationRecord, ASeriesOfAnotherLengthIsAProgrammingError) {
