@@ -455,6 +455,7 @@ TEST(Plausibility, NothingIsSaidOfTheBasesAndTheShippedBenches) {
   for (const fs::directory_entry& entry : fs::recursive_directory_iterator(TAUT_SOURCE_DIR "/experiments")) {
     const std::string path = entry.path().string();
     if (entry.path().extension() != ".toml" || text_of(path).find("[simulation]") != std::string::npos) continue;
+    if (path.find("/experiments/init/") != std::string::npos) continue;  // have no readings
     ++benches;
     EXPECT_EQ(start_record(*open_bench(path)).remarks, std::vector<std::string>{}) << path;
   }
