@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <sstream>
+#include <cstdio>
 
 #include "reports/axes.hpp"
 #include "reports/figures.hpp"

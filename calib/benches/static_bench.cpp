@@ -14,7 +14,6 @@
 #include "sim/core/stopwatch.hpp"
 #include "sim/core/units.hpp"
 #include "sim/materials/prony.hpp"
-#include "sim/mesh/weights.hpp"
 
 namespace taut {
 namespace {

@@ -141,6 +141,8 @@ void compare_readings(const RunRecord& first, const RunRecord& second, RunCompar
 }
 
 void compare_curves(const RunRecord& first, const RunRecord& second, RunComparison& found) {
+  std::string load_unit = "N";
+  if (first.load_control < 0) load_unit = first.controls.empty() ? "" : first.controls.front().unit;
   for (const CurveRecord& a : first.curves) {
     const auto b = std::ranges::find_if(second.curves, [&](const CurveRecord& other) {
       return other.channel == a.channel && other.series == a.series;
@@ -153,7 +155,7 @@ void compare_curves(const RunRecord& first, const RunRecord& second, RunComparis
         const double apart = b->value[k] - a.value[i], sigma = std::hypot(a.se[i], b->se[k]);
         if (!std::isfinite(apart) || !(sigma > 0)) continue;
         if (!largest || std::abs(apart / sigma) > std::abs(largest->in_sigmas))
-          largest = {a.channel,   a.series,     unit_of_channel(first, a.channel), a.load[i], a.value[i],
+          largest = {a.channel,   a.series,     unit_of_channel(first, a.channel), a.load[i], load_unit, a.value[i],
                      b->value[k], apart / sigma};
       }
     }

@@ -31,6 +31,7 @@ struct ReadingDifference {
 struct CurveDifference {
   std::string channel, series, unit;
   double load = 0;               ///< as CurveRecord::load
+  std::string load_unit;         ///< its SI unit
   double first = 0, second = 0;  ///< SI, there
   double in_sigmas = 0;          ///< of both curves' standard errors
 };

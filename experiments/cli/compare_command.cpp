@@ -54,9 +54,9 @@ void print_comparison(const RunComparison& found, const std::string& first, cons
     fmt::print("all together: chi squared {:.3g} for {} parameters (p = {:.2g})\n", found.chi_squared,
                found.parameters.size(), found.p_value);
   for (const CurveDifference& one : found.curves)
-    fmt::print("curve of {}{}: at {:.4g} apart by {}, {:+.2f} sigmas\n", one.channel,
-               one.series.empty() ? "" : ", " + one.series, one.load, with_unit(one.second - one.first, one.unit, 3),
-               one.in_sigmas);
+    fmt::print("curve of {}{}: at {} apart by {}, {:+.2f} sigmas\n", one.channel,
+               one.series.empty() ? "" : ", " + one.series, with_unit(one.load, one.load_unit),
+               with_unit(one.second - one.first, one.unit, 3), one.in_sigmas);
   if (!found.readings.empty())
     fmt::print("readings: {} in both, {} of them equal; these moved or are in one alone:\n", found.common_readings,
                found.equal_readings);

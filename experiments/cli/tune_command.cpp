@@ -253,7 +253,8 @@ TuneJson tuned_json(const TuneTask& task, const Bench& bench, size_t load) {
   json["jumps"] = TuneJson::array();
   for (const auto& [before, after] : task.tuned.jumps)
     json["jumps"].push_back(
-        {{"at", after.controls[task.question.control]}, {"stiffness_N_per_m", {before.stiffness, after.stiffness}}});
+        {{"between", {before.controls[task.question.control], after.controls[task.question.control]}},
+         {"stiffness_N_per_m", {before.stiffness, after.stiffness}}});
   json["scan"] = TuneJson::array();
   for (const TunedState& state : task.tuned.scan)
     json["scan"].push_back({{"at", state.controls[task.question.control]},
