@@ -77,7 +77,7 @@ std::string output_of(const std::string& command) {
 }
 
 /// A run's page and a simulation's, written once.
-class Browser : public testing::Test {
+class SlowBrowser : public testing::Test {
  protected:
   static void SetUpTestSuite() {
     if (std::system("command -v chromium >/dev/null 2>&1") != 0) return;
@@ -147,7 +147,7 @@ class Browser : public testing::Test {
   static inline test::TemporaryFolder* folder_ = nullptr;
 };
 
-TEST_F(Browser, PagesFitPhonesAndDesktopsInLightAndDarkWithTextOfElevenPixelsAndContrast) {
+TEST_F(SlowBrowser, PagesFitPhonesAndDesktopsInLightAndDarkWithTextOfElevenPixelsAndContrast) {
   for (const char* page : {"run/report.html", "lines/report.html", "simulation/report.html"}) {
     for (const int width : {1280, 390}) {
       for (const bool dark : {false, true}) {
@@ -173,7 +173,7 @@ const char* const kChart = R"js(
     const marks = name => graph(name).querySelectorAll('path[transform]').length;
 )js";
 
-TEST_F(Browser, WithoutTheScriptAndOnPaperThePicturesStandThere) {
+TEST_F(SlowBrowser, WithoutTheScriptAndOnPaperThePicturesStandThere) {
   const std::string page = read_file(*folder_ / "run/report.html");
   std::ofstream(*folder_ / "run/still.html") << with(page, "<script>", "<script type=\"off\">");
   const std::string shown = R"js(
@@ -202,7 +202,7 @@ TEST_F(Browser, WithoutTheScriptAndOnPaperThePicturesStandThere) {
   EXPECT_EQ(moving["live_on_paper"], 0);
 }
 
-TEST_F(Browser, AReadingSaysItsLineTrialValueAndResidual) {
+TEST_F(SlowBrowser, AReadingSaysItsLineTrialValueAndResidual) {
   const RunRecord run = record();
   const Json seen = look("run/report.html", 1280, false, std::string(kChart) + R"js(
     for (const name of ['force_displacement', 'residuals']) {
@@ -227,7 +227,7 @@ TEST_F(Browser, AReadingSaysItsLineTrialValueAndResidual) {
     EXPECT_EQ(seen[name].get<std::string>().substr(0, expected.size()), expected);
 }
 
-TEST_F(Browser, SeriesAndTrialsSwitchOffAndOnAndZoomShowsLess) {
+TEST_F(SlowBrowser, SeriesAndTrialsSwitchOffAndOnAndZoomShowsLess) {
   const Json seen = look("run/report.html", 1280, false, std::string(kChart) + R"js(
     const buttons = [...chart('force_displacement').querySelectorAll('.switches button')];
     seen.buttons = buttons.map(b => b.textContent);
@@ -274,7 +274,7 @@ TEST_F(Browser, SeriesAndTrialsSwitchOffAndOnAndZoomShowsLess) {
   EXPECT_TRUE(seen["no_start"].empty());
 }
 
-TEST_F(Browser, APointOfTheStiffnessShowsTheShapeOfItsConditionWhereTheRecordHasIt) {
+TEST_F(SlowBrowser, APointOfTheStiffnessShowsTheShapeOfItsConditionWhereTheRecordHasIt) {
   const RunRecord run = record();
   const Json seen = look("run/report.html", 1280, false, std::string(kChart) + R"js(
     key(graph('effective_stiffness'), 'ArrowRight');
@@ -316,7 +316,7 @@ TEST_F(Browser, APointOfTheStiffnessShowsTheShapeOfItsConditionWhereTheRecordHas
   EXPECT_EQ(seen["next"], Json({"retraction 11.79 mm", "mass 50 g"}));
 }
 
-TEST_F(Browser, TablesSortByNumberWhateverTheUnitAndContentsLeadToEveryPart) {
+TEST_F(SlowBrowser, TablesSortByNumberWhateverTheUnitAndContentsLeadToEveryPart) {
   const Json seen = look("run/report.html", 1280, false, std::string(kChart) + R"js(
     const table = [...page.querySelectorAll('table')].find(t => t.textContent.includes('Residual / σ'));
     const head = [...table.querySelectorAll('thead th')].find(h => h.textContent.includes('Measured'));
