@@ -15,7 +15,8 @@ namespace taut {
 ///   obstacles [[x, y, ...]], ground [[x0, y0, x1, y1, ...]] (strokes; one list, or one per frame where grounds move),
 ///   round (the same of what is not plane), sample {name, unit, decimals, seconds, values}, series [{id, meaning, unit,
 ///   control, values}] (`seconds`: of one unit of the sample variable, 0 where it is no time; of equilibria over
-///   "time" the sample variable is the control that drives them), shown, stored (numbers of frames), frames [[...], ...]
+///   "time" the sample variable is the control that drives them), shown, stored (numbers of frames), frames [[...],
+///   ...]
 ///
 /// Text in it is safe inside a script element.
 std::string animation_json(const SimulationRecord& record, size_t budget = 4'500'000);

@@ -4,8 +4,8 @@
 
 #include <cmath>
 
-#include "sim/scene/build_scene.hpp"
 #include "sim/core/error.hpp"
+#include "sim/scene/build_scene.hpp"
 #include "sim/scene/channel_kinds.hpp"
 
 namespace taut {

@@ -34,7 +34,7 @@ struct ElementNodes {
 /// Geometry of an element at its quadrature points.
 template <ElementShape S>
 struct ElementGeometry : ElementNodes<S> {
-  using Reference = ReferenceElement<S>;          ///< shape functions and quadrature
+  using Reference = ReferenceElement<S>;  ///< shape functions and quadrature
   using typename ElementNodes<S>::Local;
   using ElementNodes<S>::D;
   static constexpr int Q = static_cast<int>(std::tuple_size_v<decltype(Reference::quadrature())>);
