@@ -40,9 +40,9 @@ class StiffnessReplay {
   /// specimens, cheaper models than the full one, a load that is none. `bench`, `fit` outlive it.
   StiffnessReplay(const Bench& bench, const FitResult& fit, size_t load);
 
-  const Bench& bench() const { return bench_; }
-  const FitResult& fit() const { return fit_; }
-  size_t load() const { return load_; }  ///< its position among Bench::controls()
+  const Bench& bench() const { return bench_; }  ///< as it was given
+  const FitResult& fit() const { return fit_; }  ///< as it was given
+  size_t load() const { return load_; }          ///< its position among Bench::controls()
 
   /// The states at the fitted parameters, from rest along the protocol's path.
   std::vector<TunedState> at(const std::vector<std::vector<double>>& controls, bool with_slopes = false) const;
@@ -126,6 +126,7 @@ struct StiffnessMap {
   std::vector<double> controls, loads;  ///< of the nodes, ascending, SI
   std::vector<Node> nodes;              ///< nodes[i * loads.size() + j] at controls[i], loads[j]
   std::vector<Check> checks;            ///< in the middle of each edge and each cell
+  /// At controls[i], loads[j].
   const Node& node(size_t i, size_t j) const { return nodes[i * loads.size() + j]; }
   /// What the map says [N/m]; NaN outside it, and where a corner has no equilibrium.
   double at(double control, double load) const;

@@ -51,6 +51,7 @@ struct KeyTable {
 /// While it lives, files that this thread opens note in `root` what their readers ask for.
 class KeyNotes {
  public:
+  /// `root` outlives it.
   explicit KeyNotes(KeyTable& root) : before_(current()) { current() = &root; }
   ~KeyNotes() { current() = before_; }
   KeyNotes(const KeyNotes&) = delete;
