@@ -83,7 +83,8 @@ class StaticProtocol final : public Protocol {
   /// A cheaper model of the same rows, and what its displacements are in this one: a condition that would follow
   /// its path from rest starts from what the guide finds there, as far as that came to it without a slip, a saddle
   /// or a choice of sides. Where this model finds no equilibrium from there, it follows its own path from rest. For
-  /// benches without history, friction and what sticks. Parameters of the guide are found here by their ids.
+  /// benches without history, friction and what sticks. Parameters of the guide are found here by their ids; what it
+  /// factorises does not count here.
   void follow_guide(std::unique_ptr<StaticProtocol> guide,
                     std::function<Eigen::VectorXd(const Eigen::VectorXd& u)> as_here);
 

@@ -166,7 +166,8 @@ class SoftIk::Search {
         targets_(targets),
         nominal_(ik.to_range(each(ik.controls_, &IkControl::nominal))),
         weights_(each(ik.channels_, &IkChannel::weight) / ik.options_.tolerance),
-        stiffness_(stiffness) {}
+        stiffness_(stiffness),
+        nothing_learnt_(Eigen::MatrixXd::Zero(controls(), controls())) {}
 
   /// From where the equilibrium is (the nominal controls at rest), and while targets are not reached from other starts.
   IkResult run() {
@@ -246,8 +247,7 @@ class SoftIk::Search {
     if (!start(from, at)) return;
     pull_ = nominal_pull * at.J.colwise().squaredNorm().maxCoeff();
     // What holds near the last target says nothing of one that is far.
-    const Eigen::MatrixXd nothing = Eigen::MatrixXd::Zero(controls(), controls());
-    const Eigen::VectorXd first = Quadratic(at, nothing, nominal_, pull_).step(0, bounds(at));
+    const Eigen::VectorXd first = Quadratic(at, nothing_learnt_, nominal_, pull_).step(0, bounds(at));
     if (first.size() == 0 || first.cwiseAbs().maxCoeff() > kink_step) ik_.kinks_.clear();
     minimise(at);
     if (!settle(at) || !(at.e.norm() < best_.distance)) return;
@@ -261,12 +261,11 @@ class SoftIk::Search {
     approach(now, ik_.options_.max_iterations);
     double longest = std::numeric_limits<double>::infinity();
     const int most = iterations_ + ik_.options_.max_iterations;
-    const Eigen::MatrixXd nothing = Eigen::MatrixXd::Zero(controls(), controls());
     while (within(now) && iterations_ < most) {
       // What errors are left is not worth a step, nor is what moving within the tolerance brings.
       Iterate along = now;
       along.e.setZero();
-      const Quadratic near(along, nothing, nominal_, pull_);
+      const Quadratic near(along, nothing_learnt_, nominal_, pull_);
       const Eigen::VectorXd step = shortened(near.step(0, bounds(now)), longest);
       if (step.size() == 0 || near.gain(step) <= worthwhile_gain * near.offset.squaredNorm()) {
         if (!let_go(now)) break;
@@ -327,7 +326,6 @@ class SoftIk::Search {
   /// Lets a held control go where on one of its sides the controls come nearer to the nominal ones, both by its effect
   /// on that side of the kink and by its effect here; false: none does. Once for each control and target.
   bool let_go(Iterate& now) {
-    const Eigen::MatrixXd nothing = Eigen::MatrixXd::Zero(controls(), controls());
     for (auto kink = ik_.kinks_.begin(); kink != ik_.kinks_.end(); ++kink) {
       if (std::ranges::count(let_go_, kink->control) > 0) continue;
       for (const bool up : {false, true}) {
@@ -336,7 +334,7 @@ class SoftIk::Search {
         Iterate along = now;
         along.e.setZero();
         const auto gains = [&] {
-          const Quadratic near(along, nothing, nominal_, pull_);
+          const Quadratic near(along, nothing_learnt_, nominal_, pull_);
           const Eigen::VectorXd step = near.step(0, side);
           return step.size() > 0 && near.gain(step) > worthwhile_gain * near.offset.squaredNorm();
         };
@@ -366,10 +364,10 @@ class SoftIk::Search {
   bool approach(Iterate& now, int most) {
     settled_ = false;
     // What was learnt goes on to count from one target out of reach to the next, unless that one seems in reach.
-    const Eigen::MatrixXd nothing = Eigen::MatrixXd::Zero(controls(), controls());
     Eigen::MatrixXd& S = ik_.curvature_;
-    const bool in_reach = (now.e + now.J * Quadratic(now, nothing, nominal_, pull_).step(0, bounds(now))).norm() <= 1;
-    if (!ik_.lost_ || in_reach) S = nothing;
+    const bool in_reach =
+        (now.e + now.J * Quadratic(now, nothing_learnt_, nominal_, pull_).step(0, bounds(now))).norm() <= 1;
+    if (!ik_.lost_ || in_reach) S = nothing_learnt_;
     Damping damping;
     bool blocked = false;  // the last trial failed
     for (int iteration = 0; iteration < most && !given_up(now); ++iteration) {
@@ -534,6 +532,7 @@ class SoftIk::Search {
   SoftIk& ik_;
   const Eigen::VectorXd targets_, nominal_, weights_;
   const std::optional<double> stiffness_;
+  const Eigen::MatrixXd nothing_learnt_;        ///< of the errors' second derivatives
   int most_ = std::numeric_limits<int>::max();  ///< factorisations
   double pull_ = 0;                             ///< weight of the square of the distance to the nominal controls
   int iterations_ = 0;                          ///< Levenberg-Marquardt steps so far

@@ -67,7 +67,9 @@ Json numbers_of_poses(const Json& run) {
 }
 
 /// Shares extrapolate small differences, profile ends are searched to half a per cent of a rise, poses to their
-/// tolerance, by steps that amplify rounding; in which of two equilibria a sample of a workspace ends may turn on it.
+/// tolerance, by steps that amplify rounding. In which of two equilibria a sample of a workspace ends turns on it, too:
+/// OpenBLAS's kernels for AVX-512 and those for AVX2 (OPENBLAS_CORETYPE=Haswell) differ by 6e-4 in the arm's hybrid
+/// one.
 double tolerance_at(const std::string& path) {
   const auto in = [&](const char* part) { return path.find(part) != std::string::npos; };
   if (in("workspace")) return 1e-3;
