@@ -83,7 +83,7 @@ TEST(Module3d, AllCablesAlikeShortenItWithoutAnyLateralMotion) {
 }
 
 /// Pushed by a force along y and by the same along z, at the same retraction.
-void expect_alike_both_ways(const std::string& retraction, double least) {
+void expect_alike_both_ways(const std::string& retraction, double least, double tolerance) {
   const std::string csv = "load_N,retraction_mm,y_mm,z_mm\n0.3," + retraction + ",0,0\n-0.3," + retraction + ",0,0\n";
   Module3d m{.geometry = two_cells, .more = load("push", "tip", "[0, 1, 0]") + along_y + along_z};
   const Eigen::VectorXd by_y = readings(m, csv);
@@ -92,19 +92,21 @@ void expect_alike_both_ways(const std::string& retraction, double least) {
   for (Eigen::Index row : {0, 2}) {
     EXPECT_GT(std::abs(by_y[row]), least);
     EXPECT_LT(std::abs(by_y[row]), 10 * least);
-    EXPECT_LT(std::abs(by_y[row + 1]), 1e-9 * std::abs(by_y[row])) << "across the load";
-    EXPECT_NEAR(by_z[row + 1] / by_y[row], 1, 1e-9) << "y and z exchanged";
-    EXPECT_LT(std::abs(by_z[row]), 1e-9 * std::abs(by_y[row]));
+    EXPECT_LT(std::abs(by_y[row + 1]), tolerance * std::abs(by_y[row])) << "across the load";
+    EXPECT_NEAR(by_z[row + 1] / by_y[row], 1, tolerance) << "y and z exchanged";
+    EXPECT_LT(std::abs(by_z[row]), tolerance * std::abs(by_y[row]));
   }
-  EXPECT_NEAR(by_y[2] / by_y[0], -1, 1e-9) << "the mirror image";
+  EXPECT_NEAR(by_y[2] / by_y[0], -1, tolerance) << "the mirror image";
 }
 
 TEST(Module3d, LateralLoadsAreAlikeBothWaysAndMirroredOnesMirrorTheAnswer) {
-  expect_alike_both_ways("0", 0.1e-3);
+  expect_alike_both_ways("0", 0.1e-3, 1e-9);
 }
 
+// A closed module gives 18 micrometres, as a difference of two equilibria that have each come 9 mm: what an equilibrium
+// leaves over (some 1e-9 of its way, other on another processor) is up to 1e-6 of the difference.
 TEST(SlowModule3d, ClosedTooLateralLoadsAreAlikeBothWays) {
-  expect_alike_both_ways("9", 2e-6);
+  expect_alike_both_ways("9", 2e-6, 1e-5);
 }
 
 /// The part and the whole, pushed along the part's planes of symmetry.
