@@ -180,6 +180,7 @@ std::vector<LegendEntry> told_below(const Chart& chart, const CostFigure& figure
   for (const AccuracyPoint* point : cloud.points) {
     if (chart.study.settings[point->setting].in_use) heading("In use: " + told(point));
   }
+  if (!chart.chart.section.empty()) text(chart.chart.section);
   size_t missing = 0, asked = 0, failures = 0;
   constexpr size_t most = 12;
   for (size_t i = 0; i < chart.runs.size(); ++i) {

@@ -206,6 +206,14 @@ std::string region_of(const Experiment& experiment, const std::string& id) {
   return "";
 }
 
+/// Bounds of what the file gives none for: of a modulus those of what it starts as, foams, gels and rubbers or plastics
+/// and metals; else the physical range.
+std::pair<double, double> usual_bounds(const ParameterSpec& spec, double start) {
+  if (spec.symbol != "E") return {spec.lower, spec.upper};
+  const auto [lower, upper] = start < 100e6 ? std::pair(100.0, 1e9) : std::pair(1e6, 1e12);
+  return {std::min(lower, std::max(spec.lower, start / 100)), std::max(upper, std::min(spec.upper, start * 100))};
+}
+
 std::vector<FreeParameter> free_parameters(const Experiment& experiment, const Protocol& protocol) {
   std::vector<FreeParameter> free;
   for (const FreeSettings& settings : experiment.free) {
@@ -225,8 +233,9 @@ std::vector<FreeParameter> free_parameters(const Experiment& experiment, const P
         return value ? parse_quantity(value->text, quantity_of_si_unit(spec.unit), value->where) : otherwise;
       };
       parameter.start = given(settings.start, protocol.nominal()[parameter.index]);
-      parameter.lower = given(settings.lower, spec.lower);
-      parameter.upper = given(settings.upper, spec.upper);
+      const auto [lower, upper] = usual_bounds(spec, parameter.start);
+      parameter.lower = given(settings.lower, lower);
+      parameter.upper = given(settings.upper, upper);
       parameter.bounds_chosen = settings.lower.has_value() && settings.upper.has_value();
       for (double value : {parameter.lower, parameter.start, parameter.upper})
         protocol.parameters().check(parameter.index, value);

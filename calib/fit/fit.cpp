@@ -612,7 +612,8 @@ class Fit {
     const bool profiles = profiles_wanted(j) && !evaluator_.halted();
     if (doubtful) low = high = std::nullopt;
     evaluator_.begin("interval of " + estimate.spec.id, 2);
-    if (profiles && (doubtful || options_.all_profiles || !parabola_holds(j))) {
+    const bool refuted = profiles && !doubtful && !options_.all_profiles && !parabola_holds(j);
+    if (profiles && (doubtful || options_.all_profiles || refuted)) {
       const double guess = std::min(reach, scale.logarithmic ? 1.0 : 0.25 * ranges_[j]);
       estimate.profile.emplace_back(estimate.value, 0.0);
       evaluator_.begin("profile of " + estimate.spec.id, doubtful ? 24 : 8);  // what the push-puppet module's take
@@ -621,9 +622,12 @@ class Fit {
             .find(guess, estimate.verdict == Verdict::tied);
       };
       const std::optional<double> down = end(-1), up = lower_found() ? std::nullopt : end(+1);
-      if (!evaluator_.halted()) {  // half a search is worth less than the parabola, or than nothing
+      if (!evaluator_.halted()) {
         low = down;
         high = up;
+      } else if (refuted) {  // half a search is worth less than the parabola, but not than one that is known to be
+                             // wrong
+        low = high = std::nullopt;
       }
       std::ranges::sort(estimate.profile);
     }

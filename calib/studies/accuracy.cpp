@@ -194,6 +194,15 @@ void add_sequence(const AccuracyStudy& study, const Runs& runs, const std::strin
                               ? fmt::format("{} extrapolated from {} with order {:.2g}", sequence, finest, limit.order)
                               : fmt::format("{} from {}", sequence, finest);
   chart.reference += (chart.reference.empty() ? "" : "; ") + how;
+  if (sequence == "depth") {
+    const Eigen::VectorXd off = reference.in_use.cwiseQuotient(reference.scales) - limit.limit;
+    chart.section = fmt::format(
+        "the plane section in use is {:.2g} % off the solid (root mean square; {:.2g} % at most), which takes {:.2g} "
+        "times "
+        "as long",
+        100 * root_mean_square(off), 100 * off.cwiseAbs().maxCoeff(),
+        runs[levels.back()]->seconds / runs[in_use_of(study, runs)]->seconds);
+  }
   if (sequence != "step" || levels.size() < 2) return;
   reference.step_limit = limit.limit.cwiseProduct(reference.scales);
   chart.step_uncertainty = root_mean_square(limit.error);

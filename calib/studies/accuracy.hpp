@@ -33,7 +33,8 @@ struct AccuracySetting {
   double cost = 0;         ///< a guess, to a factor: what is cheap is run first
   std::string integrator;  ///< over time: of settings that differ from the one in use in how they step alone; else ""
   bool may_hang = false;   ///< is given up after a tenth of the budget
-  /// Sequences that tend to the answer, with the size that goes to zero: "mesh", "contact gap", "step".
+  /// Sequences that tend to the answer, with the size that goes to zero: "mesh", "contact gap", "step", and "depth" of
+  /// solids on the mesh of the plane section in use.
   std::map<std::string, double> sequences;
   std::function<AccuracyRun(const std::atomic<bool>& stop)> run;
 };
@@ -55,8 +56,9 @@ struct AccuracyStudy {
 
 /// Readings at rest: all rows at the file's own parameters, which are the model's where nothing else is said. Elements
 /// (linear, quadratic, locking-free where a Poisson's ratio exceeds 0.4) times meshes, and one at a time: contact gap,
-/// step tolerance, load steps, plane stress or strain, and without contact as a solid. Recordings: up to 101 samples of
-/// each. Elements times meshes, integrators times steps.
+/// step tolerance, load steps, plane stress or strain, as a solid, and cheaper models (beams, rod, rigid segments)
+/// where they describe the bench. Recordings: up to 101 samples of each. Elements times meshes, integrators times
+/// steps.
 AccuracyStudy accuracy_study(const Experiment& experiment);
 
 /// A simulation over time: its channels but net forces (second differences of positions, whose peaks are as tall as the
@@ -89,8 +91,11 @@ struct AccuracyChart {
   std::vector<double> parameter_uncertainty;  ///< per free parameter, relative as AccuracyPoint::parameters
   std::vector<double> parameter_noise;        ///< standard error from the readings' noise, the same way
   std::string reference;                      ///< one sentence: how it was made
-  double step_uncertainty = not_a_number;     ///< of the limit of small steps
-  std::string step_reference;                 ///< "": there is none
+  /// How far the plane section in use is from the solid, and how many times as long the solid takes: one sentence; "":
+  /// no solid has a result.
+  std::string section;
+  double step_uncertainty = not_a_number;  ///< of the limit of small steps
+  std::string step_reference;              ///< "": there is none
 };
 
 /// Throws InputError when the setting in use has no result.

@@ -6,6 +6,8 @@
 
 #include "calib/benches/bench.hpp"
 #include "calib/benches/recordings_bench.hpp"
+#include "calib/models/beam_model.hpp"
+#include "calib/models/rod_model.hpp"
 #include "calib/studies/accuracy.hpp"
 #include "calib/studies/discretisation.hpp"
 #include "sim/core/error.hpp"
@@ -59,12 +61,24 @@ void add_setting(AccuracyStudy& study, AccuracySetting setting) {
 
 // ---- runs
 
+int unknowns_of(const StaticProtocol& protocol) {
+  return protocol.scene().model->free_unknowns();
+}
+int unknowns_of(const RecordingProtocol& protocol) {
+  return protocol.scene().model->free_unknowns();
+}
+int unknowns_of(const BeamProtocol& protocol) {
+  return protocol.unknowns();
+}
+int unknowns_of(const RodProtocol& protocol) {
+  return protocol.unknowns();
+}
+
 /// All rows of a bench at the file's own parameters, from rest.
-template <class Replay>
-AccuracyRun replay(const Experiment& experiment, Replay& protocol) {
+AccuracyRun replay(const Experiment& experiment, Protocol& protocol, int unknowns) {
   const std::vector<int> free = indices_of(free_parameters(experiment, protocol));
   AccuracyRun run;
-  run.unknowns = protocol.scene().model->free_unknowns();
+  run.unknowns = unknowns;
   Prediction prediction;
   // Quick replays are repeated, each from the start of the path; the fastest was disturbed least.
   const Stopwatch all;
@@ -214,7 +228,8 @@ AccuracySetting of_bench(const std::string& axis, const std::string& name, doubl
   one.run = [=](const std::atomic<bool>& stop) {
     Experiment stopped = experiment;
     stopped.equilibrium.stop = &stop;
-    return replay(stopped, *bench_of(stopped).protocol);
+    const auto bench = bench_of(stopped);
+    return replay(stopped, *bench.protocol, unknowns_of(*bench.protocol));
   };
   return one;
 }
@@ -299,7 +314,7 @@ void add_load_steps(AccuracyStudy& study, const Experiment& experiment, double o
   }
 }
 
-/// The other kind of plane, and the solid between both.
+/// The other kind of plane, and the solid that the section stands for.
 void add_planes(AccuracyStudy& study, const Experiment& experiment, double own_work, const MakeSetting& setting) {
   Experiment e = experiment;
   const bool strain = experiment.geometry.plane == Plane::strain;
@@ -307,13 +322,41 @@ void add_planes(AccuracyStudy& study, const Experiment& experiment, double own_w
   if (strain) e.mesh.formulation = Formulation::standard;
   const std::string name = strain ? "plane stress" : "plane strain";
   add_setting(study, setting(name, name, e, own_work));
-  if (experiment.contact.on) return;  // a solid with contact is a matter of hours
   for (int depth : {1, 2}) {
     e = experiment;
     e.mesh.depth_cells = depth;
-    add_setting(study, setting("as a solid", fmt::format("as a solid, {} cells across half of it", depth), e,
-                               work(make_mesh(e, e.mesh))));
+    AccuracySetting solid = setting("as a solid", fmt::format("as a solid, {} cells across half of it", depth), e,
+                                    work(make_mesh(e, e.mesh)));
+    solid.sequences["depth"] = 1.0 / depth;
+    add_setting(study, solid);
   }
+}
+
+/// Models with fewer unknowns, those that describe the bench: `make(experiment)` has `protocol`.
+template <class Make>
+void add_cheaper_model(AccuracyStudy& study, const Experiment& experiment, Rung rung, double cost, Make make) {
+  try {
+    make(experiment);
+  } catch (const InputError&) {
+    return;
+  }
+  AccuracySetting one = named("cheaper models", fmt::format("model \"{}\"", name_of(rung)), cost);
+  one.run = [=](const std::atomic<bool>& stop) {
+    Experiment stopped = experiment;
+    stopped.equilibrium.stop = &stop;
+    const auto bench = make(stopped);
+    return replay(stopped, *bench.protocol, unknowns_of(*bench.protocol));
+  };
+  add_setting(study, one);
+}
+
+void add_cheaper_models(AccuracyStudy& study, const Experiment& experiment, const Trials& trials, double own_work) {
+  add_cheaper_model(study, experiment, Rung::beam, 1, [=](const Experiment& e) { return make_beam_bench(e, trials); });
+  add_cheaper_model(study, experiment, Rung::rod, 2, [=](const Experiment& e) { return make_rod_bench(e, trials); });
+  Experiment rigid = experiment;
+  rigid.model = Rung::rigid_segments;
+  add_cheaper_model(study, rigid, Rung::rigid_segments, own_work,
+                    [=](const Experiment& e) { return make_static_replay(e, e.mesh, trials); });
 }
 
 /// Noise of each row's mean.
@@ -416,7 +459,7 @@ AccuracyStudy accuracy_study(const Experiment& experiment) {
   const StaticReplay bench = bench_of(experiment);
   AccuracyStudy study = study_of(experiment, *bench.protocol);
   study.result = "displacements of all rows, at the parameters that the file starts from";
-  study.highest_order = {{"mesh", 2}, {"contact gap", 1}};
+  study.highest_order = {{"mesh", 2}, {"contact gap", 1}, {"depth", 2}};
   study.sigma = sigma_of_rows(bench);
   const Mesh own = make_mesh(experiment, experiment.mesh);
   const double own_work = work(own), own_gap = contact_gap(experiment.mesh, own.diagonal());
@@ -437,6 +480,7 @@ AccuracyStudy accuracy_study(const Experiment& experiment) {
     add_gaps(
         study, experiment, own_gap, +[](Experiment& e) -> double& { return e.mesh.contact_gap; }, on_own_mesh);
   if (experiment.geometry.dimension == 2) add_planes(study, experiment, own_work, setting);
+  add_cheaper_models(study, experiment, trials, own_work);
   return study;
 }
 

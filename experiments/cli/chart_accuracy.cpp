@@ -26,8 +26,8 @@ std::vector<const AccuracyPoint*> by_time(const AccuracyChart& chart, const Runs
 Json json_of(const AccuracyStudy& study, const Runs& runs, const AccuracyChart& chart, size_t missing) {
   Json json{{"title", study.title},         {"data", study.simulated ? "simulated" : "measured"},
             {"reference", chart.reference}, {"uncertainty", chart.uncertainty},
-            {"missing", missing},           {"settings", Json::array()},
-            {"failed", Json::array()}};
+            {"plane_section", chart.section},     {"missing", missing},
+            {"settings", Json::array()},    {"failed", Json::array()}};
   for (const AccuracyPoint* point : by_time(chart, runs)) {
     const AccuracySetting& setting = study.settings[point->setting];
     const AccuracyRun& run = *runs[point->setting];
@@ -67,6 +67,7 @@ void print_chart(const AccuracyStudy& study, const Runs& runs, const AccuracyCha
   fmt::print("reference: {}; {}\n", chart.reference,
              std::isfinite(chart.uncertainty) ? fmt::format("known to {:.2g} %", 100 * chart.uncertainty)
                                               : "how well it is known cannot be said");
+  if (!chart.section.empty()) fmt::print("{}\n", chart.section);
 }
 
 }  // namespace

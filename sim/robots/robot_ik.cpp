@@ -64,7 +64,16 @@ void RobotIk::ask_for(const IkTarget& target) {
   }
   const std::unique_ptr<SoftIk> last = std::move(ik_);
   ik_ = std::make_unique<SoftIk>(robot.scene, channels, controls, options);
-  if (last) ik_->start_at(last->equilibrium().u(), last->equilibrium().p());
+  if (last) start_ = {last->equilibrium().u(), last->equilibrium().p()};
+  if (start_.first.size() > 0) ik_->start_at(start_.first, start_.second);
+  start_ = {};
+}
+
+void RobotIk::start_at(const Eigen::VectorXd& u, const Params& p) {
+  if (ik_)
+    ik_->start_at(u, p);
+  else
+    start_ = {u, p};
 }
 
 IkAnswer RobotIk::solve(const IkTarget& target, size_t point) {

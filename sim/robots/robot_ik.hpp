@@ -4,6 +4,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "sim/core/units.hpp"
@@ -37,6 +38,9 @@ class RobotIk {
   /// For a target, or for one `point` of a path. Ids of channels and controls are there, and one control is free.
   IkAnswer solve(const IkTarget& target, size_t point = 0);
 
+  /// The next target starts at this equilibrium, wherever it came from: such as the pose that rigid kinematics has.
+  void start_at(const Eigen::VectorXd& u, const Params& p);
+
  private:
   void ask_for(const IkTarget& target);
 
@@ -46,8 +50,9 @@ class RobotIk {
   std::unique_ptr<SoftIk> ik_;  ///< for targets of the kind below
   std::map<std::string, double> hold_;
   std::string stiffness_of_;
-  IkAnswer blank_;            ///< what all their answers have in common
-  std::vector<double> rest_;  ///< added to the value of each channel
+  IkAnswer blank_;                            ///< what all their answers have in common
+  std::vector<double> rest_;                  ///< added to the value of each channel
+  std::pair<Eigen::VectorXd, Params> start_;  ///< of the first target; empty: at rest
 };
 
 /// All points of a target or path of [ik], from rest, each from the last one. Ends early when `stop` is raised.

@@ -398,6 +398,8 @@ TEST_F(Command, AnAccuracyChartGoesOnWhereTheLastOneEnded) {
   EXPECT_GT(error_of("linear, 10 x 4 cells"), 10 * error_of("quadratic, 10 x 4 cells"));
   EXPECT_GT(error_of("quadratic, 10 x 4 cells"), result.at("uncertainty"));
   EXPECT_GT(error_of("as a solid, 2 cells across half of it"), 0);
+  EXPECT_GT(error_of("model \"beam\""), 0);
+  EXPECT_EQ(error_of("model \"rod\""), -1) << "it does not describe this bench";
   const std::string table = text_of(charts + "/accuracy.csv");
   EXPECT_EQ(static_cast<size_t>(std::count(table.begin(), table.end(), '\n')), settings.size() + 1);
   for (const std::string file : {"accuracy_cost.png", "accuracy_parameters.svg", "accuracy_cost.csv"})

@@ -8,6 +8,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <sstream>
+#include <tuple>
 
 #include "tests/support/command.hpp"
 
@@ -219,6 +220,20 @@ TEST_F(Start, ABlankBetweenNumberAndUnitMayBeLeftOutOnTheCommandLine) {
   const Outcome wrong = taut({"replay", file, "--set", "E_strip=3.5MPaa"});
   EXPECT_EQ(wrong.code, 2);
   expect_holds(wrong.err, {"--set E_strip: 'MPaa' is not a unit of pressure"});
+}
+
+TEST_F(Start, BoundsThatAreNotGivenAreThoseOfWhatTheModulusStartsAs) {
+  const std::string file = begun("beam");
+  const std::string toml =
+      replaced(replaced(text_of(folder_ / file), "lower = \"10 kPa\"\n", ""), "upper = \"10 GPa\"\n", "");
+  for (const auto& [start, lower, upper] :
+       {std::tuple{"2 MPa", 100.0, 1e9}, {"3 GPa", 1e6, 1e12}, {"50 MPa", 100.0, 5e9}}) {
+    folder_.write(file, replaced(toml, "E = \"2 MPa\"", fmt::format("E = \"{}\"", start)));
+    const json free = result({"check", file}).at("free");
+    ASSERT_EQ(free.size(), 1u);
+    EXPECT_DOUBLE_EQ(free[0].at("bounds")[0].get<double>(), lower) << start;
+    EXPECT_DOUBLE_EQ(free[0].at("bounds")[1].get<double>(), upper) << start;
+  }
 }
 
 TEST_F(Start, TheRetractionIsUnderstoodWhateverItsColumnIsCalled) {
