@@ -234,6 +234,9 @@ void complete(const JsonArchive& root, RunRecord& record) {
       const JsonArchive values = root["shares"][i][key];
       values.need(values.json().size() == record.fit.parameters.size(), "one number for each parameter");
     }
+    const std::vector<double>& moves = record.shares[i].moves;
+    root["shares"][i].need(moves.empty() || moves.size() == record.fit.parameters.size(),
+                           "'moves' with one number for each parameter, or none");
   }
   for (size_t i = 0; i < record.lip_friction.size(); ++i)
     root["lip_friction"][i]["controls"].need(record.lip_friction[i].controls.size() == record.controls.size(),

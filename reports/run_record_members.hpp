@@ -126,6 +126,7 @@ void describe(auto&& a, Share& share) {
   a("how", share.how);
   a("seconds", share.seconds);
   if (a.there("counted")) a("counted", share.counted);
+  if (a.there("moves")) a("moves", share.moves);
 }
 
 void describe(auto&& a, FrictionRow& row) {

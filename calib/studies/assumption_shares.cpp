@@ -31,12 +31,13 @@ Eigen::VectorXd shift_by(const Prediction& own, const Eigen::VectorXd& change,
   return 0.5 * (step(1) - step(-1));
 }
 
-/// That shift as the error of each parameter.
-std::vector<double> errors_of(const Eigen::VectorXd& shift, const FitResult& fit) {
-  std::vector<double> errors;
-  for (const ParameterEstimate& e : fit.parameters)
-    errors.push_back((e.spec.logarithmic ? e.value : 1) * std::abs(shift[static_cast<Eigen::Index>(errors.size())]));
-  return errors;
+/// That shift as how each parameter moves, and how far.
+void set_moves(Share& share, const Eigen::VectorXd& shift, const FitResult& fit) {
+  share.error.clear();
+  for (const ParameterEstimate& e : fit.parameters) {
+    share.moves.push_back((e.spec.logarithmic ? e.value : 1) * shift[static_cast<Eigen::Index>(share.moves.size())]);
+    share.error.push_back(std::abs(share.moves.back()));
+  }
 }
 
 }  // namespace
@@ -85,7 +86,7 @@ std::vector<Share> assumption_shares(const Experiment& experiment, const Dimensi
       share.source = "zero of " + assumption.id;
     share.counted = assumption.tolerance > 0;
     share.bias.assign(free.size(), 0.0);
-    share.error = errors_of(shift_by(own, change * column, model.measurements, table, p, free), fit);
+    set_moves(share, shift_by(own, change * column, model.measurements, table, p, free), fit);
     const std::string size =
         assumption.scale ? fmt::format("{:.3g} %", 100 * change) : with_unit(change, assumption.unit);
     share.how = share.counted
@@ -121,7 +122,7 @@ Share model_share(const Bench& bench, const FitResult& fit, const Ask& ask) {
     share.how = fmt::format("the models state no error for {} of {} rows", unknown, change.size());
   } else {
     share.bias.assign(free.size(), 0.0);
-    share.error = errors_of(shift_by(own, change, bench.measurements(), table, fit.p, free), fit);
+    set_moves(share, shift_by(own, change, bench.measurements(), table, fit.p, free), fit);
     share.how = fmt::format("rows off by what their models state, up to {:.2g} %{}, all to one side", 100 * largest,
                             bench.model_of(0)->of ? " of what they have moved" : "");
   }
@@ -151,7 +152,7 @@ std::optional<Share> law_share(const Bench& bench, const FitResult& fit, const A
   share.source = "section law";
   share.bias.assign(free.size(), 0.0);
   try {
-    share.error = errors_of(step(*there) - step(bench), fit);
+    set_moves(share, step(*there) - step(bench), fit);
     share.how = fmt::format("one Gauss-Newton step at the optimum with rod_section = \"{}\"", other.law);
   } catch (const InputError& error) {
     share.bias.assign(free.size(), not_a_number);

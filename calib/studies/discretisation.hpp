@@ -42,6 +42,9 @@ struct Share {
   std::string how;            ///< one sentence: from which meshes or tolerance, or why it is not known
   double seconds = 0;
   bool counted = true;  ///< in the total; not: nobody knows the tolerance, `error` is what 1 % would do
+  /// Of one number that was taken for granted: how each parameter moves when it is too large by its tolerance, SI,
+  /// `error` with a sign. Empty: errors of several origins, whose signs have nothing to do with each other.
+  std::vector<double> moves = {};
 };
 
 /// "the mesh makes it 0.4 kPa too large, +- 0.2 kPa", "gap_total adds +- 0.2 kPa": the share's part in its j-th

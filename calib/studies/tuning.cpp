@@ -59,13 +59,14 @@ HalfWidths half_widths(const FitResult& fit, const std::vector<Share>& shares, c
   double squares = half.noise * half.noise;
   for (const Share& share : shares) {
     if (!share.counted || std::ranges::any_of(share.bias, [](double bias) { return !std::isfinite(bias); })) continue;
-    double bias = 0, error = 0;
+    double bias = 0, error = 0, together = 0;
     for (size_t j = 0; j < fit.parameters.size(); ++j) {
       const double g = gradient[static_cast<Eigen::Index>(j)] / fitted_scale(fit.parameters[j]);
       bias += g * share.bias[j];
-      if (std::isfinite(share.error[j])) error += std::abs(g) * share.error[j];
+      if (!share.moves.empty()) together += g * share.moves[j];
+      if (share.moves.empty() && std::isfinite(share.error[j])) error += std::abs(g) * share.error[j];
     }
-    squares += std::pow(std::abs(bias) + error, 2);
+    squares += std::pow(std::abs(bias) + std::abs(together) + error, 2);
   }
   half.total = std::sqrt(squares);
   return half;

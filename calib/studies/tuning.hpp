@@ -14,8 +14,8 @@ namespace taut {
 
 /// 95 % half widths of a quantity whose gradient by the fitted parameters is g (on the fitted scale: by the logarithm
 /// of logarithmic ones), first order: 1.96 sqrt(g^T C g) of the noise, with the covariance C of the fit; in all the
-/// root of the squares of that and, for each share that counts, |g . bias| + sum_j |g_j| error_j, its errors being
-/// taken to add up at their worst.
+/// root of the squares of that and, for each share that counts, |g . bias| + |g . moves|; where it has no Share::moves,
+/// sum_j |g_j| error_j instead, its errors being taken to add up at their worst.
 struct HalfWidths {
   double noise = 0, total = 0;  ///< in the unit of the quantity
 };

@@ -80,6 +80,11 @@ TEST_F(Assumptions, TolerancesOfTheFileCountAndAreThoseOfTheShares) {
   EXPECT_NEAR(shares.at("size_y").error[0], 0.02 * E, 1e-3 * E);
   EXPECT_NEAR(shares.at("thickness").error[0], 0.005 * E, 1e-4 * E);
   EXPECT_NEAR(shares.at("scale of pull").error[0], 0.005 * E, 1e-4 * E);
+  // E = F L / (h t delta): too long a bar, or too large a force, is made up for by a larger modulus.
+  EXPECT_NEAR(shares.at("size_x").moves[0], 0.005 * E, 1e-4 * E);
+  EXPECT_NEAR(shares.at("size_y").moves[0], -0.02 * E, 1e-3 * E);
+  EXPECT_NEAR(shares.at("thickness").moves[0], -0.005 * E, 1e-4 * E);
+  EXPECT_NEAR(shares.at("scale of pull").moves[0], 0.005 * E, 1e-4 * E);
   EXPECT_TRUE(shares.contains("nu_foam")) << "zero, but with a tolerance";
   for (const auto& [source, share] : shares) EXPECT_TRUE(share.counted) << source;
 }

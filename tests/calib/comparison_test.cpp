@@ -117,6 +117,11 @@ TEST(HalfWidths, AddNoiseAndSharesAsRootOfSquares) {
   EXPECT_NEAR(half.noise, noise, 1e-9 * noise);
   const double shares = std::abs(50 * 0.02 - 3000 * 1e-5) + 50 * 0.01 + 3000 * 2e-5;
   EXPECT_NEAR(half.total, std::hypot(noise, shares), 1e-9);
+  Share length;  // one number: what it does to both parameters partly cancels
+  length.bias = {0, 0};
+  length.moves = {1e3, 1e-4};
+  length.error = {1e3, 1e-4};
+  EXPECT_NEAR(half_widths(record.fit, {length}, gradient).total, std::hypot(noise, 50 * 0.01 - 3000 * 1e-4), 1e-9);
 }
 
 }  // namespace
