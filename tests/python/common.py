@@ -74,3 +74,10 @@ def tension_experiment(bench="bench.csv"):
         "bench": {"file": bench, "mode": "mode", "strain": "strain_1", "stress": "stress_Pa", "sigma": "sigma_Pa"},
         "fit": {"free": {"E_foam": {}}},
     }
+
+
+def hopeless_beam(path, rows):
+    """Writes the beam of tests/support with these rows of loads beside it; its solver gives up early under 1e6 N."""
+    text = (SOURCE / "tests/support/beam.toml").read_text(encoding="utf-8")
+    Path(path).write_text(text + "[solver]\nmax_iterations = 10\nmax_halvings = 2\n", encoding="utf-8")
+    Path(path).with_name("bench.csv").write_text("trial,pull_N,tip_mm\n" + "\n".join(rows) + "\n", encoding="utf-8")

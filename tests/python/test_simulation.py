@@ -61,7 +61,9 @@ class Simulations(InFolder):
         about["channel"] = [{"id": "height", "kind": "position", "of": "block", "direction": [0, 1]}]
         found = taut.simulate(about)
         t = found.time
-        np.testing.assert_allclose(found.channels["height"] - found.channels["height"][0], -0.5 * t - 0.5 * 9.81 * t**2, atol=5e-6)
+        # BDF2 is exact on parabolas but for its first step, implicit Euler's, which is off by less than g h^2.
+        np.testing.assert_allclose(found.channels["height"] - found.channels["height"][0], -0.5 * t - 0.5 * 9.81 * t**2,
+                                   rtol=0, atol=9.81e-6)
 
     def test_that_are_wrong_are_refused(self):
         self.assertRefused(lambda: taut.simulate(CANTILEVER), "taut.Experiment")

@@ -14,7 +14,8 @@ from .run import Run
 
 
 class Experiment:
-    """An experiment file, or a dict with the same keys, checked as `taut check` does.
+    """An experiment file, or a dict with the same keys. What it says is checked at once, its readings and its model when
+    they are first needed.
 
     `source`: path of an experiment.toml, or a dict: ``{"title": ..., "geometry": {"kind": "box", ...}, ...}`` with
     quantities as in files ("30 mm"). A dict is written out as TOML text and read by the same reader; paths in it are
