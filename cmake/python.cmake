@@ -13,7 +13,7 @@ target_link_libraries(_taut PRIVATE taut_version taut_reports)
 target_compile_options(_taut PRIVATE $<$<CONFIG:Release>:-O1>)
 set_target_properties(_taut PROPERTIES LIBRARY_OUTPUT_DIRECTORY ${python_package})
 
-file(GLOB python_files CONFIGURE_DEPENDS experiments/python/taut/*)
+file(GLOB python_files CONFIGURE_DEPENDS experiments/python/src/taut/*)
 foreach(file IN LISTS python_files)
   get_filename_component(name ${file} NAME)
   list(APPEND python_copies ${python_package}/${name})

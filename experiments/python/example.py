@@ -26,7 +26,7 @@ print(readings)
 # %%
 replay = experiment.replay(E_foam="47 kPa", derivatives=True)
 print("a foam of 47 kPa would drop", 1e3 * np.max(replay["predicted"]), "mm, not", 1e3 * np.max(replay["value"]), "mm")
-print("and 1 kPa more by", 1e6 * np.min(replay["d_E_foam"]), "mm")
+print("and each further kPa changes that by", 1e6 * np.min(replay["d_E_foam"]), "mm")
 
 # %% [markdown]
 # The fit, with all that `taut fit` does; `out="runs/..."` would write its folder with report.html.

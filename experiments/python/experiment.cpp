@@ -151,18 +151,21 @@ std::vector<LoadRow> load_rows(const Eigen::Ref<const Eigen::MatrixXd>& controls
 /// A fit's result with what it predicts from.
 class Fitted {
  public:
-  Fitted(RunRecord record, Experiment experiment) : record_(std::move(record)), experiment_(std::move(experiment)) {}
+  /// `written`: it stands in a folder too.
+  Fitted(RunRecord record, Experiment experiment, bool written)
+      : record_(std::move(record)), experiment_(std::move(experiment)), written_(written) {}
 
   static Fitted open(const std::string& folder) {
     settle_run_folder(folder);
     RunRecord record = read_run(folder);
     Experiment experiment = experiment_of_run(record, folder);
-    Fitted fitted(std::move(record), std::move(experiment));
+    Fitted fitted(std::move(record), std::move(experiment), true);
     fitted.folder_ = folder;
     return fitted;
   }
 
   std::string json() const { return to_json(record_); }
+  bool written() const { return written_; }
 
   /// `rows`: a CSV file, or (rows x controls) in SI.
   py::dict predict(const std::variant<std::string, Eigen::MatrixXd>& rows, bool anyway, int threads,
@@ -230,7 +233,8 @@ class Fitted {
 
   RunRecord record_;
   Experiment experiment_;
-  std::string folder_;
+  std::string folder_;  ///< that it was read from; "": it was not
+  bool written_;
 };
 
 /// An experiment as its file, or a text, has it.
@@ -282,10 +286,11 @@ class PyExperiment {
     job.show = [&](const std::string& line) { computation.show(line); };
     FitRun run;
     computation.run([&] { run = fit_bench(*open(computation, threads, Readings::needed, ""), job); });
-    const bool found = run.end == FitEnd::kept && !run.record.parameter_ids.empty();
+    const bool kept = run.end == FitEnd::kept, found = kept || run.end == FitEnd::not_replacing;
     const py::list failures = texts(run.record.fit.failures);
     const py::str end(run.end == FitEnd::start_failed ? "start failed" : "");
-    const py::object result = found ? py::cast(Fitted(std::move(run.record), experiment_)) : py::none();
+    const py::object result =
+        found ? py::cast(Fitted(std::move(run.record), experiment_, kept && !out.empty())) : py::none();
     computation.raise(result);
     return py::make_tuple(end, result, text(run.report_failure), failures);
   }
@@ -314,6 +319,7 @@ void bind_experiments(py::module_& module) {
   py::class_<Fitted>(module, "Fitted")
       .def_static("open", &Fitted::open, arg("folder"))
       .def("json", [](const Fitted& self) { return text(self.json()); })
+      .def("written", &Fitted::written)
       .def("predict", &Fitted::predict, arg("rows"), arg("anyway"), arg("threads"), arg("progress"));
 }
 

@@ -89,7 +89,7 @@ try:
     taut.Experiment({path!r}).fit(out="run", variants={variants}, progress=progress)
 except KeyboardInterrupt as stopped:
     run = stopped.result
-    print("STOPPED", run if run is None else run.status, flush=True)
+    print("STOPPED", *([run] if run is None else [run.status, run.folder]), flush=True)
     sys.exit(130)
 print("FINISHED", flush=True)
 """
@@ -129,11 +129,18 @@ print("FINISHED", flush=True)
     def test_after_the_search_keeps_what_is_finished(self):
         said, code = self.interrupted(CANTILEVER, "linear", True)  # a variant
         self.assertEqual(code, 130, said)
-        self.assertIn("STOPPED converged", said)
+        self.assertIn("STOPPED converged run", said)
         run = taut.Run("run")
         self.assertEqual((run.status, run.record["interrupted"]), ("converged", True))
         self.assertEqual(run.record["variants"], [])
         self.assertTrue(Path("run/.unfinished").exists())
+
+    def test_leaves_a_finished_run_where_it_is(self):
+        whole = taut.Experiment(CANTILEVER).fit(out="run")
+        said, code = self.interrupted(CANTILEVER, "linear", True)
+        self.assertEqual(code, 130, said)
+        self.assertIn("STOPPED converged None", said)  # what was found is not in the folder
+        self.assertEqual(taut.Run("run").record, whole.record)
 
     def test_ends_a_simulation_and_keeps_its_states(self):
         program = """

@@ -179,6 +179,7 @@ class WrongInput(InFolder):
         self.assertRefused(lambda: experiment.replay(E_foam=math.nan), "E_foam")
         self.assertRefused(lambda: experiment.replay(tip_load="1 N"), "tip_load", "set by the bench")
         self.assertRefused(lambda: experiment.replay(rows="nowhere.csv"), "nowhere.csv")
+        self.assertRefused(lambda: experiment.replay(threads=-1), "threads", "1024", "-1")
 
 
 if __name__ == "__main__":

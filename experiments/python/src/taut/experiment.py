@@ -85,7 +85,8 @@ class Experiment:
         ``attrs["tangent_stiffness"]`` is then a list of dicts with state, load and N_per_m.
         Raises InputError, and SolveError (its ``result``: the table with NaN) where an equilibrium was not found.
         """
-        raw = self._compiled.replay(_plain(parameters), derivatives, compiled.path_bytes(rows or ""), threads, progress)
+        raw = self._compiled.replay(_plain(parameters), derivatives, compiled.path_bytes(rows or ""),
+                                    compiled.threads_of(threads), progress)
         readings = dict(raw["readings"])
         table = tables.rows_table(readings, raw, data=self._data)
         if derivatives:
@@ -115,7 +116,8 @@ class Experiment:
         where = b"" if out is None else compiled.path_bytes(out)
         called = f"{self!r}.fit({'' if out is None else f'out={os.fspath(out)!r}'})"
         try:
-            end, fitted, report_failure, failures = self._compiled.fit(where, variants, fresh, called, threads, progress)
+            end, fitted, report_failure, failures = self._compiled.fit(where, variants, fresh, called,
+                                                                             compiled.threads_of(threads), progress)
         except BaseException as error:
             fitted = getattr(error, "result", None)
             if fitted is not None:

@@ -27,6 +27,13 @@ def path_bytes(path: Path) -> bytes:
     return os.fsencode(path)
 
 
+def threads_of(threads: int) -> int:
+    """How many states are solved at the same time; 0: as the file says."""
+    if isinstance(threads, bool) or not isinstance(threads, int) or not 0 <= threads <= 1024:
+        raise InputError(f"threads: a whole number from 0 (as the file says) to 1024 belongs here, not {threads!r}")
+    return threads
+
+
 def source_of(source: Union[Path, Mapping[str, Any]], folder: Optional[Path]) -> "tuple[bytes, Optional[str]]":
     """Path and, of a dict, text of a file: ("folder/dict", its TOML)."""
     if isinstance(source, Mapping):

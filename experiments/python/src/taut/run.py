@@ -52,9 +52,9 @@ class Run:
     @classmethod
     def _of(cls, fitted: Any, folder: Optional[Path]) -> "Run":
         run = cls.__new__(cls)
-        run.folder = None if folder is None else os.fspath(folder)
+        run.folder = os.fspath(folder) if folder is not None and fitted.written() else None
         run.record = json.loads(fitted.json())
-        run._fitted = fitted
+        run._fitted = fitted if run.folder is None else None  # a folder has copies of all inputs
         return run
 
     def __repr__(self) -> str:
@@ -181,7 +181,7 @@ class Run:
             return self._predict(compiled.path_bytes(path), anyway, threads, progress)
 
     def _predict(self, rows: Any, anyway: bool, threads: int, progress: Progress) -> Any:
-        raw = self._fitted.predict(rows, anyway, threads, progress)
+        raw = self._fitted.predict(rows, anyway, compiled.threads_of(threads), progress)
         table = tables.rows_table(raw["rows"], raw, data=self.record["data"], warnings=raw["warnings"])
         if raw["failures"]:
             raise SolveError("; ".join(raw["failures"]), table)
