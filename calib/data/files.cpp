@@ -100,18 +100,32 @@ std::string read_file(const std::string& path) {
   return text;
 }
 
-std::string sha256_of(const std::string& path) {
+namespace {
+
+/// `feed(add)` calls add(block, size) for one block after another.
+template <class Feed>
+std::string sha256_of_blocks(Feed&& feed) {
   const std::unique_ptr<EVP_MD_CTX, decltype(&EVP_MD_CTX_free)> context(EVP_MD_CTX_new(), EVP_MD_CTX_free);
   if (!context || EVP_DigestInit_ex(context.get(), EVP_sha256(), nullptr) != 1) {
     throw std::runtime_error("SHA-256 is not available from OpenSSL");
   }
-  for_each_block(path, [&](const char* block, size_t size) { EVP_DigestUpdate(context.get(), block, size); });
+  feed([&](const char* block, size_t size) { EVP_DigestUpdate(context.get(), block, size); });
   unsigned char digest[EVP_MAX_MD_SIZE];
   unsigned length = 0;
   EVP_DigestFinal_ex(context.get(), digest, &length);
   std::string text;
   for (unsigned i = 0; i < length; ++i) text += fmt::format("{:02x}", digest[i]);
   return text;
+}
+
+}  // namespace
+
+std::string sha256_of(const std::string& path) {
+  return sha256_of_blocks([&](const auto& add) { for_each_block(path, add); });
+}
+
+std::string sha256_of_text(const std::string& text) {
+  return sha256_of_blocks([&](const auto& add) { add(text.data(), text.size()); });
 }
 
 }  // namespace taut

@@ -626,11 +626,13 @@ Experiment read_experiment(const std::string& path) {
 }
 
 Experiment read_experiment_text(const std::string& path, std::string_view text) {
-  return read_with_readings(TomlFile(path, text), path, "");
+  Experiment experiment = read_with_readings(TomlFile(path, text), path, "");
+  experiment.text = text;
+  return experiment;
 }
 
 std::vector<RunInput> inputs_of(const Experiment& experiment) {
-  std::vector<RunInput> files{{experiment.path, "experiment.toml"}};
+  std::vector<RunInput> files{{experiment.path, "experiment.toml", experiment.text}};
   Experiment own = experiment;
   for (const auto& [path, copy] : readings_of(own)) files.push_back({*path, copy});
   const std::string mesh = input_file(experiment.geometry);

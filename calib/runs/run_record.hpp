@@ -18,9 +18,10 @@ namespace taut {
 
 /// A file that a run was made from.
 struct InputRecord {
-  std::string path;    ///< as given
-  std::string copy;    ///< its name in the run folder
-  std::string sha256;  ///< of both
+  std::string path;                      ///< as given
+  std::string copy;                      ///< its name in the run folder
+  std::string sha256;                    ///< of both
+  std::optional<std::string> text = {};  ///< what it holds, where it is no file; not written to fit.json
 };
 
 /// Where a result comes from, so that it can be made again.

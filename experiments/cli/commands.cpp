@@ -5,6 +5,8 @@
 #include <boost/program_options.hpp>
 #include <filesystem>
 
+#include "experiments/cli/version.hpp"
+#include "reports/simulation_run.hpp"
 #include "sim/core/error.hpp"
 
 namespace taut {
@@ -36,10 +38,8 @@ const std::vector<Command>& all_commands() {
   return all;
 }
 
-std::string experiment_name(const std::string& path) {
-  const fs::path file = fs::absolute(path);
-  const std::string stem = file.stem().string();
-  return stem == "experiment" ? file.parent_path().filename().string() : stem;
+Program program_of(const CommandOptions& options) {
+  return {version(), commit(), options.command_line};
 }
 
 std::string run_folder(const CommandOptions& options) {

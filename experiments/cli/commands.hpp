@@ -4,6 +4,8 @@
 #include <string>
 #include <vector>
 
+#include "calib/runs/provenance.hpp"
+
 namespace boost::program_options {
 class options_description;
 class options_description_easy_init;
@@ -72,8 +74,8 @@ struct Command {
   bool several = false;  ///< further words go to CommandOptions::further
 };
 
-/// Name of the folder of an experiment.toml, or of another file without its extension.
-std::string experiment_name(const std::string& path);
+/// This one, as it was called.
+Program program_of(const CommandOptions& options);
 /// runs/<name of the experiment>, or what --out says.
 std::string run_folder(const CommandOptions& options);
 

@@ -8,10 +8,10 @@
 
 #include "calib/data/run_folder.hpp"
 #include "calib/runs/comparison.hpp"
+#include "calib/runs/provenance.hpp"
 #include "experiments/cli/commands.hpp"
 #include "experiments/cli/print.hpp"
 #include "experiments/cli/progress.hpp"
-#include "experiments/cli/provenance.hpp"
 #include "reports/comparison_figures.hpp"
 #include "reports/run_record.hpp"
 #include "sim/core/error.hpp"

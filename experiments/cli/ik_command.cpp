@@ -10,8 +10,7 @@
 #include "experiments/cli/ik_stream.hpp"
 #include "experiments/cli/print.hpp"
 #include "experiments/cli/progress.hpp"
-#include "experiments/cli/simulate_command.hpp"
-#include "reports/simulation_report.hpp"
+#include "reports/simulation_run.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/numbers.hpp"
 #include "sim/core/units.hpp"
@@ -143,7 +142,7 @@ std::string jumps_text(const Simulation& simulation, const Robot& robot, const s
 /// The poses as the states of a run over the number of the target; what has no state is left out.
 SimulationRecord make_ik_record(const Simulation& simulation, const Robot& robot, const std::vector<Solved>& all,
                                 const CommandOptions& options) {
-  SimulationRecord record = start_simulation_record(simulation, robot, options);
+  SimulationRecord record = start_simulation_record(simulation, robot, program_of(options));
   record.name += poses_suffix;
   record.title += ": poses found for its targets";
   record.sample_name = "pose";

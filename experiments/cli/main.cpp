@@ -15,8 +15,8 @@
 
 #include "experiments/cli/commands.hpp"
 #include "experiments/cli/manual.hpp"
-#include "experiments/cli/provenance.hpp"
 #include "experiments/cli/topics.hpp"
+#include "experiments/cli/version.hpp"
 #include "sim/core/error.hpp"
 #include "sim/solve/cholesky.hpp"
 

@@ -7,8 +7,8 @@
 #include <sstream>
 
 #include "experiments/cli/commands.hpp"
-#include "experiments/cli/provenance.hpp"
 #include "experiments/cli/topics.hpp"
+#include "experiments/cli/version.hpp"
 #include "sim/core/error.hpp"
 
 namespace taut {

@@ -5,10 +5,11 @@
 #include <nlohmann/json.hpp>
 
 #include "calib/data/files.hpp"
+#include "experiments/cli/commands.hpp"
 #include "experiments/cli/print.hpp"
 #include "experiments/cli/progress.hpp"
-#include "experiments/cli/simulate_command.hpp"
 #include "reports/axes.hpp"
+#include "reports/simulation_run.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/units.hpp"
 #include "sim/files/simulation.hpp"
@@ -81,7 +82,8 @@ std::string took_text(const OptimiseResult& result) {
 /// The run with the found controls, the controls of the file beside them.
 SimulationRecord make_optimised_record(const Optimised& found, const std::string& text, const CommandOptions& options) {
   const OptimiseResult& result = found.result;
-  SimulationRecord record = make_simulation_record(found.simulation, found.robot, result.value.run, options);
+  SimulationRecord record =
+      make_simulation_record(found.simulation, found.robot, result.value.run, program_of(options));
   record.name += optimised_suffix;
   record.title += ": optimised controls";
   record.experiment_text = text;

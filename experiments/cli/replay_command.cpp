@@ -1,14 +1,13 @@
 #include <fmt/format.h>
 
 #include <boost/program_options.hpp>
-#include <cmath>
 #include <filesystem>
 #include <nlohmann/json.hpp>
-#include <numeric>
 #include <optional>
 
 #include "calib/data/files.hpp"
 #include "calib/runs/open_bench.hpp"
+#include "calib/runs/replay.hpp"
 #include "calib/runs/run_fit.hpp"
 #include "experiments/cli/commands.hpp"
 #include "experiments/cli/print.hpp"
@@ -18,9 +17,6 @@
 #include "reports/report.hpp"
 #include "reports/vtu.hpp"
 #include "sim/core/error.hpp"
-#include "sim/core/numbers.hpp"
-#include "sim/core/stopwatch.hpp"
-#include "sim/core/units.hpp"
 
 namespace taut {
 namespace {
@@ -28,29 +24,10 @@ namespace {
 namespace fs = std::filesystem;
 namespace po = boost::program_options;
 
-/// "47.3kPa" as "47.3 kPa": shells take blanks for ends of words.
-std::string with_blank(const std::string& text) {
-  if (text.find(' ') != std::string::npos) return text;
-  for (size_t end = text.size(); end > 0; --end) {
-    if (parse_number(std::string_view(text).substr(0, end)))
-      return end == text.size() ? text : text.substr(0, end) + " " + text.substr(end);
-  }
-  return text;
-}
-
 /// The file's parameters with what --set says.
 Params parameters_of(const CommandOptions& options, const Bench& bench) {
-  const ParameterTable& table = bench.protocol().parameters();
   Params p = bench.protocol().nominal();
-  for (const auto& [id, text] : options.set) {
-    if (bench.sets(id)) {
-      throw InputError(fmt::format(
-          "--set {0}: '{0}' is set by the bench, row by row; change its column in a copy of the bench file", id));
-    }
-    const int index = table.index(id);
-    p[index] = parse_quantity(with_blank(text), quantity_of_si_unit(table[index].unit), "--set " + id);
-    table.check(index, p[index]);
-  }
+  for (const auto& [id, text] : options.set) set_parameter(bench, id, text, "--set " + id, p);
   return p;
 }
 
@@ -70,31 +47,6 @@ void print_replay(const Replay& replay, const Bench& bench) {
   if (!replay.with_respect_to.empty()) print_sensitivities(replay, bench);
 }
 
-Replay replay_bench(const CommandOptions& options, const Bench& bench, const Params& p) {
-  Replay replay;
-  replay.record = start_record(bench);
-  Protocol& protocol = bench.protocol();
-  if (options.sensitivities) {
-    replay.with_respect_to.resize(static_cast<size_t>(protocol.parameters().size()));
-    std::iota(replay.with_respect_to.begin(), replay.with_respect_to.end(), 0);
-  }
-  protocol.forget();  // what the choice of the model left
-  const Stopwatch watch;
-  replay.prediction = protocol.predict(p, replay.with_respect_to);
-  replay.record.replay_seconds = watch.seconds();
-  if (options.sensitivities) {
-    for (const BenchReading& reading : bench.readings()) {
-      Eigen::VectorXd row = Eigen::VectorXd::Constant(replay.prediction.derivatives.cols(), not_a_number);
-      if (reading.row >= 0) row = replay.prediction.derivatives.row(reading.row);
-      replay.derivatives.emplace_back(row.begin(), row.end());
-    }
-    if (bench.one_model()) replay.stiffness = bench.tangent_stiffness();
-  }
-  fill_predictions(bench, replay.prediction.values, {}, replay.record);
-  replay.record.swings = bench.swings(replay.prediction.values);
-  return replay;
-}
-
 /// Simulates every row of the bench: table on stdout; predictions.csv, states as VTU.
 int replay_main(const CommandOptions& options) {
   const std::unique_ptr<Bench> bench =
@@ -104,7 +56,7 @@ int replay_main(const CommandOptions& options) {
   const std::optional<int> planned = planned_rows(*bench);
   progress.say(planned ? fmt::format("predicting {} rows without readings", *planned)
                        : "replaying " + bench->size_text());
-  const Replay replay = replay_bench(options, *bench, p);
+  const Replay replay = replay_bench(*bench, p, options.sensitivities);
   const RunRecord& record = replay.record;
   if (!bench->choice().empty()) progress.say(bench->choice());
   const std::string comparison = bench->compare_models(p, replay.prediction.values, record.replay_seconds);

@@ -1,22 +1,11 @@
 #pragma once
 #include <nlohmann/json_fwd.hpp>
 #include <string>
-#include <vector>
 
-#include "calib/benches/bench.hpp"
-#include "calib/runs/run_record.hpp"
+#include "calib/runs/replay.hpp"
 
 // What `taut replay` found, as JSON, CSV and lines for people.
 namespace taut {
-
-/// What a replay found, with derivatives where they were asked for.
-struct Replay {
-  RunRecord record;
-  Prediction prediction;
-  std::vector<int> with_respect_to;              ///< all parameters and controls; empty: not asked for
-  std::vector<std::vector<double>> derivatives;  ///< of each reading
-  std::vector<TangentStiffness> stiffness;
-};
 
 /// What `--json` prints.
 nlohmann::ordered_json replay_json(const Replay& replay, const Bench& bench);

@@ -4,9 +4,9 @@
 #include <nlohmann/json.hpp>
 
 #include "calib/data/run_folder.hpp"
+#include "calib/runs/provenance.hpp"
 #include "experiments/cli/commands.hpp"
 #include "experiments/cli/print.hpp"
-#include "experiments/cli/provenance.hpp"
 #include "reports/report.hpp"
 #include "reports/run_record.hpp"
 

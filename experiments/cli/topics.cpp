@@ -118,6 +118,7 @@ const std::vector<Topic>& all_topics() {
       {"run-folder", "what a run writes, and how it goes on", experiments, "## The run folder"},
       {"tuning", "the retraction for a wanted stiffness", experiments, "## Tuning"},
       {"comparing-runs", "two calibrations, or one done again", experiments, "## Comparing runs"},
+      {"python", "the Python package", experiments, "## Python"},
       {"exit-codes", "what the command returns", experiments, "## Exit codes"},
       {"verdicts", "how well the readings determine a parameter", experiments, "## Verdicts"},
       {"intervals", "what an interval counts", experiments, "## Intervals"},

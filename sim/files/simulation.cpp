@@ -529,7 +529,9 @@ Simulation read_simulation(const std::string& path) {
 }
 
 Simulation read_simulation_text(const std::string& path, std::string_view text) {
-  return simulation_in(TomlFile(path, text), path);
+  Simulation simulation = simulation_in(TomlFile(path, text), path);
+  simulation.text = text;
+  return simulation;
 }
 
 }  // namespace taut

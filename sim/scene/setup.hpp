@@ -185,6 +185,7 @@ struct ChannelSettings {
 /// Everything physical that a file describes, as plain data in SI units: what build_scene() makes a model of.
 struct Setup {
   std::string path;                           ///< of the file, for messages
+  std::optional<std::string> text;            ///< what was read, where that is no file
   std::string encoding;                       ///< a remark on bytes that are not UTF-8; "": there are none
   std::map<std::string, std::string> titles;  ///< bench columns with their units, where only the bench file has those
   int dimension = 2;

@@ -15,9 +15,10 @@ namespace fs = std::filesystem;
 
 /// The folders of the sources, lowest first: a file includes what stands in its own folder or before it.
 const std::vector<std::string> kOrder = {
-    "sim/core",    "sim/mesh",     "sim/model",   "sim/materials", "sim/terms",  "sim/contact", "sim/shapes",
-    "sim/solve",   "sim/scene",    "sim/robots",  "sim/files",     "calib/data", "calib/fit",   "calib/benches",
-    "calib/files", "calib/models", "calib/check", "calib/studies", "calib/runs", "reports",     "experiments/cli"};
+    "sim/core",   "sim/mesh",      "sim/model",       "sim/materials",     "sim/terms",   "sim/contact",
+    "sim/shapes", "sim/solve",     "sim/scene",       "sim/robots",        "sim/files",   "calib/data",
+    "calib/fit",  "calib/benches", "calib/files",     "calib/models",      "calib/check", "calib/studies",
+    "calib/runs", "reports",       "experiments/cli", "experiments/python"};
 
 struct Source {
   std::string path;                   ///< from the root, "sim/mesh/mesh.hpp"

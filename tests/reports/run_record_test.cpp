@@ -415,6 +415,7 @@ TEST_F(RunRecordTest, Sha256AgreesWithThePublishedValues) {
   // FIPS 180-2, appendix B.1 and B.3, and the empty message
   write_file(path("abc"), "abc");
   EXPECT_EQ(sha256_of(path("abc")), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+  EXPECT_EQ(sha256_of_text("abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
   write_file(path("million"), std::string(1000000, 'a'));
   EXPECT_EQ(sha256_of(path("million")), "cdc76e5c9914fb9281a1c7e284d73e67f1809a48a497200e046d39ccc7112cd0");
   write_file(path("empty"), "");

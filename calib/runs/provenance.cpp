@@ -1,4 +1,4 @@
-#include "experiments/cli/provenance.hpp"
+#include "calib/runs/provenance.hpp"
 
 #include <ceres/version.h>
 #include <cholmod.h>
@@ -15,8 +15,6 @@
 #include "calib/benches/bench.hpp"
 #include "calib/data/files.hpp"
 #include "calib/files/experiment.hpp"
-#include "calib/runs/run_record.hpp"
-#include "experiments/cli/commands.hpp"
 #include "sim/core/error.hpp"
 
 namespace taut {
@@ -63,25 +61,18 @@ std::string utc_now() {
 std::vector<InputRecord> input_records(const Bench& bench) {
   std::vector<InputRecord> inputs;
   for (const RunInput& file : inputs_of(bench.experiment()))
-    inputs.push_back({file.path, file.copy, sha256_of(file.path)});
+    inputs.push_back({file.path, file.copy, file.text ? sha256_of_text(*file.text) : sha256_of(file.path), file.text});
   return inputs;
 }
 
 }  // namespace
 
-std::string version() {
-  return TAUT_VERSION;
-}
-std::string commit() {
-  return TAUT_COMMIT;
-}
-
-Provenance provenance_of(const CommandOptions& options, const Bench& bench) {
+Provenance provenance_of(const Program& program, const Bench& bench) {
   Provenance provenance;
-  provenance.version = version();
-  provenance.commit = commit();
+  provenance.version = program.version;
+  provenance.commit = program.commit;
   provenance.libraries = library_versions();
-  provenance.command_line = options.command_line;
+  provenance.command_line = program.command_line;
   provenance.inputs = input_records(bench);
   provenance.started = utc_now();
   provenance.machine = machine_description();
@@ -92,7 +83,7 @@ void copy_inputs(const std::vector<InputRecord>& inputs, const std::string& fold
   for (const InputRecord& input : inputs) {
     const std::string copy = (fs::path(folder) / input.copy).string();
     fs::create_directories(fs::path(copy).parent_path());
-    write_file(copy, read_file(input.path));
+    write_file(copy, input.text ? *input.text : read_file(input.path));
     if (sha256_of(copy) != input.sha256)
       throw InputError(
           fmt::format("{}: changed while the fit was running, which was of the file before; fit again", input.path));
@@ -113,8 +104,8 @@ Experiment experiment_of_run(const RunRecord& record, const std::string& folder)
   return read_copies(folder);
 }
 
-std::string fingerprint_of(const std::vector<InputRecord>& inputs) {
-  std::string text = "taut " + version() + " " + sha256_of("/proc/self/exe");
+std::string fingerprint_of(const Program& program, const std::vector<InputRecord>& inputs) {
+  std::string text = "taut " + program.version + " " + sha256_of(program.file);
   for (const InputRecord& input : inputs) text += " " + input.sha256;
   return text;
 }
