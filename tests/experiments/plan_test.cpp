@@ -170,7 +170,7 @@ TEST_F(Plan, TheTextHasCostsRowsAndWhatElseTheTimeWouldGive) {
   const Outcome outcome = plan({"--parameter", "k_cable", "--setup", "3min", "--rest", "90 s"});
   ASSERT_EQ(outcome.code, 0) << outcome.err;
   expect_holds(outcome.out, {"SIMULATED DATA", "goal: k_cable = ", "read in each row: tip",
-                             "set-up 3 min (--setup) for each retraction", "rest 1.5 min (--rest)",
+                             "set-up 3 min for each retraction (--setup)", "rest 1.5 min (--rest)",
                              "reading 1 min (--reading)", "4 rows in 13 min", "retraction", "in all", "fails",
                              "k_cable (goal)", "E_foam", "instead, for the same time:",
                              "the bench's cheapest rows again", "the best of the bench's own rows again"});
