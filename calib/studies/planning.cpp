@@ -134,7 +134,8 @@ class Candidates {
     for (const BenchReading& reading : there_->readings()) {
       if (!std::isfinite(asked.prediction.values[reading.row])) why[row_of(reading)] = "no equilibrium is found";
     }
-    for (const int row : there_->slipped_rows()) say(*there_, row, "the path slips to another equilibrium", why);
+    for (const int row : there_->slipped_rows())
+      say(*there_, row, "the path jumps to another equilibrium on the way", why);
     find_alternatives(asked.p, why);
     for (const BenchReading& reading : there_->readings()) {
       if (why[row_of(reading)].empty() && replays_.is_read(reading.channel))
@@ -188,8 +189,11 @@ class Candidates {
     const std::unique_ptr<Bench> others = rest.size() < rows_.size() ? bench_at(bench_, rest) : nullptr;
     const Bench& of = others ? *others : *there_;
     for (const Alternative& other : of.protocol().alternatives(p)) {
-      const char* what = other.near_jump() ? "near a fold, where the state jumps" : "another equilibrium exists there";
-      if (!other.near_jump() && other.other.size() == 0) continue;
+      const char* what = other.near_jump()         ? "near a fold, where the state jumps"
+                         : other.jump < 1          ? "the path jumps to another equilibrium on the way"
+                         : other.other.size() == 0 ? nullptr
+                                                   : "another equilibrium exists there";
+      if (what == nullptr) continue;
       for (const int row : other.rows) say(of, row, what, why, places);
     }
   }
