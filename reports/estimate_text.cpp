@@ -216,6 +216,18 @@ std::string friction_text(const RunRecord& record) {
   return text + ")";
 }
 
+std::string remedy_of(const Share& share) {
+  const std::string& source = share.source;
+  if (source == "mesh") return "refine the mesh";
+  if (source == "contact gap") return "make contact_gap smaller";
+  if (source == "plane section") return "fit with model = \"solid\"";
+  if (source == "model" || source == "rigidity") return "fit with model = \"full\"";
+  if (source == "friction of the lips") return "read rows whose lips are open";
+  if (source == "section law") return "see which the readings want, by a [[fit.variant]] with the other rod_section";
+  if (source.starts_with("scatter")) return "look for what differs from one to the next";
+  return "measure it better";
+}
+
 std::string limit_text(const RunRecord& record, size_t j) {
   const ParameterEstimate& e = record.fit.parameters[j];
   if (!std::isfinite(e.standard_error)) return "";
@@ -234,16 +246,8 @@ std::string limit_text(const RunRecord& record, size_t j) {
   const double noise = 1.96 * e.standard_error;
   std::string text;
   if (counted != nullptr && most(*counted) > noise) {
-    const char* remedy = counted->source == "mesh"                                     ? "refine the mesh"
-                         : counted->source == "contact gap"                            ? "make contact_gap smaller"
-                         : counted->source == "plane section"                          ? "fit with model = \"solid\""
-                         : counted->source == "model" || counted->source == "rigidity" ? "fit with model = \"full\""
-                         : counted->source == "friction of the lips"                   ? "read rows whose lips are open"
-                         : counted->source == "section law"
-                             ? "see which the readings want, by a [[fit.variant]] with the other rod_section"
-                         : counted->source.starts_with("scatter") ? "look for what differs from one to the next"
-                                                                  : "measure it better";
-    text = fmt::format("Limited by the {} ({}) rather than the noise: {}.", counted->source, size(*counted), remedy);
+    text = fmt::format("Limited by the {} ({}) rather than the noise: {}.", counted->source, size(*counted),
+                       remedy_of(*counted));
   }
   if (unstated != nullptr && most(*unstated) > noise)
     text += fmt::format("{}1 % of {} is worth {}, more than the noise: measure it and state its tolerance.",

@@ -50,6 +50,8 @@ std::string outlier_text(const RunRecord& record);
 /// What the j-th parameter's interval in all is without, since nobody knows its share: " but the mesh, the model"; else
 /// "".
 std::string but_unknown(const RunRecord& record, size_t j);
+/// What makes a share smaller: "refine the mesh", "measure it better".
+std::string remedy_of(const Share& share);
 /// "Limited by the plane section (1.8 kPa) rather than the noise: ...", what would make the j-th parameter better
 /// known;
 /// "" where that is fewer errors in the readings, or nothing is known of shares.

@@ -194,6 +194,9 @@ class Bench {
   virtual const Trials* trials_at_rest() const { return nullptr; }
   virtual SolvedStates states() const { return {}; }                   ///< of the last replay; none without a mesh
   virtual std::vector<CableState> cable_states() const { return {}; }  ///< of the last replay; none without cables
+  /// Rows of the protocol to whose states the path of the last prediction jumped from another equilibrium. Of the full
+  /// model at rest.
+  virtual std::vector<int> slipped_rows() const { return {}; }
   /// Of every load and state of the last prediction, which has to have asked for derivatives with respect to the loads.
   virtual std::vector<TangentStiffness> tangent_stiffness() const { return {}; }
   /// A control as a force [N], where it is a load: a mass times gravity; else as it is.

@@ -55,6 +55,7 @@ class StaticBench final : public Bench {
   std::string compare_models(const Params& p, const Eigen::VectorXd& values, double seconds) const override;
   SolvedStates states() const override;
   std::vector<CableState> cable_states() const override;
+  std::vector<int> slipped_rows() const override;
   std::vector<TangentStiffness> tangent_stiffness() const override;
   double as_force(size_t control, double value) const override;
   std::string effort() const override;

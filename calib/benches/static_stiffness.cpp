@@ -13,6 +13,15 @@ bool StaticBench::touches(const StaticProtocol::Condition& condition) const {
   return replay().smallest_distance(condition.u, gap) < gap;
 }
 
+std::vector<int> StaticBench::slipped_rows() const {
+  std::vector<int> rows;
+  for (const StaticProtocol::Condition& condition : model().conditions()) {
+    const bool known = condition.report.status == SolveStatus::converged && condition.u.size() > 0;
+    if (known && condition.report.slipped) rows.insert(rows.end(), condition.rows.begin(), condition.rows.end());
+  }
+  return rows;
+}
+
 std::vector<TangentStiffness> StaticBench::tangent_stiffness() const {
   std::vector<TangentStiffness> found;
   const StaticProtocol& protocol = model();

@@ -4,33 +4,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 
+#include "calib/runs/new_reading.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/numbers.hpp"
 
 namespace taut {
 namespace {
-
-/// Standard deviation that a new reading of a channel would have at this load when the bench lists them row by row:
-/// that of the run's readings, interpolated over the load and constant beyond them.
-double sigma_at(const RunRecord& record, const std::string& channel, double load) {
-  std::map<double, std::pair<double, int>> by_load;  // load to sum of sigma^2 and count
-  for (size_t i = 0; i < record.readings.size(); ++i) {
-    if (record.readings[i].channel != channel || record.readings[i].excluded) continue;
-    auto& [sum, count] = by_load[record.load_newtons[i]];
-    sum += record.readings[i].sigma * record.readings[i].sigma;
-    ++count;
-  }
-  auto sigma = [](const auto& entry) { return std::sqrt(entry->second.first / entry->second.second); };
-  if (by_load.empty()) return 0;
-  const auto above = by_load.lower_bound(load);
-  if (above == by_load.begin()) return sigma(above);
-  if (above == by_load.end()) return sigma(std::prev(above));
-  const auto below = std::prev(above);
-  const double t = (load - below->first) / (above->first - below->first);
-  return (1 - t) * sigma(below) + t * sigma(above);
-}
 
 std::vector<PredictedRow> predicted_rows(const RunRecord& record, const Bench& bench, const Prediction& prediction,
                                          const Eigen::VectorXd& se, const std::vector<EquilibriaRecord>& equilibria) {
@@ -42,9 +22,7 @@ std::vector<PredictedRow> predicted_rows(const RunRecord& record, const Bench& b
     row.controls = reading.controls;
     row.value = prediction.values[reading.row];
     row.error = se[reading.row];
-    const size_t k = static_cast<size_t>(std::max(0, record.load_control));
-    const double load = record.load_control < 0 ? 0.0 : bench.as_force(k, reading.controls[k]);
-    const double sigma = bench.declared_sigma(reading.channel, row.value).value_or(sigma_at(record, row.channel, load));
+    const double sigma = sigma_of_new_reading(record, bench, reading, row.value);
     row.curve = 1.96 * row.error;
     row.reading = 1.96 * std::hypot(row.error, sigma);
     for (const EquilibriaRecord& rows_there : equilibria) {

@@ -4,36 +4,19 @@
 
 #include <algorithm>
 #include <cmath>
-#include <random>
 #include <sstream>
 
 #include "calib/benches/model.hpp"
 #include "calib/benches/specimens.hpp"
 #include "calib/models/beam_model.hpp"
 #include "calib/studies/assumption_shares.hpp"
+#include "calib/studies/draws.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/stopwatch.hpp"
 #include "sim/shapes/push_puppet.hpp"
 
 namespace taut {
 namespace {
-
-/// Distributions of our own: those of the standard library differ from one to the next.
-class Draws {
- public:
-  explicit Draws(unsigned seed) : engine_(seed) {}
-  double uniform(double low, double high) {
-    return low + (high - low) * (static_cast<double>(engine_()) + 0.5) / 4294967296.0;
-  }
-  double logarithmic(double low, double high) { return low * std::pow(high / low, uniform(0, 1)); }
-  double normal() {
-    const double radius = std::sqrt(-2 * std::log(uniform(0, 1)));
-    return radius * std::cos(2 * M_PI * uniform(0, 1));
-  }
-
- private:
-  std::mt19937 engine_;
-};
 
 /// By the ids of dimensions and constants [m], pure: what a caliper, a data sheet and a balance leave open.
 constexpr double length_tolerance = 0.1e-3, thickness_tolerance = 0.2e-3, via_tolerance = 0.1e-3, nu_tolerance = 0.05,

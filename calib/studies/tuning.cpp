@@ -53,22 +53,27 @@ double vertex(const std::array<double, 3>& x, const std::array<double, 3>& y) {
 
 }  // namespace
 
+double part_of(const Share& share, const FitResult& fit, const Eigen::VectorXd& gradient) {
+  double bias = 0, error = 0, together = 0;
+  for (size_t j = 0; j < fit.parameters.size(); ++j) {
+    const double g = gradient[static_cast<Eigen::Index>(j)] / fitted_scale(fit.parameters[j]);
+    bias += g * share.bias[j];
+    if (!share.moves.empty()) together += g * share.moves[j];
+    if (share.moves.empty() && std::isfinite(share.error[j])) error += std::abs(g) * share.error[j];
+  }
+  return std::abs(bias) + std::abs(together) + error;
+}
+
 HalfWidths half_widths(const FitResult& fit, const std::vector<Share>& shares, const Eigen::VectorXd& gradient) {
   HalfWidths half;
   half.noise = quantile95 * std::sqrt(std::max(0.0, gradient.dot(fit.covariance * gradient)));
-  double squares = half.noise * half.noise;
+  double squares = 0;
   for (const Share& share : shares) {
     if (!share.counted || std::ranges::any_of(share.bias, [](double bias) { return !std::isfinite(bias); })) continue;
-    double bias = 0, error = 0, together = 0;
-    for (size_t j = 0; j < fit.parameters.size(); ++j) {
-      const double g = gradient[static_cast<Eigen::Index>(j)] / fitted_scale(fit.parameters[j]);
-      bias += g * share.bias[j];
-      if (!share.moves.empty()) together += g * share.moves[j];
-      if (share.moves.empty() && std::isfinite(share.error[j])) error += std::abs(g) * share.error[j];
-    }
-    squares += std::pow(std::abs(bias) + std::abs(together) + error, 2);
+    squares += std::pow(part_of(share, fit, gradient), 2);
   }
-  half.total = std::sqrt(squares);
+  half.shares = std::sqrt(squares);
+  half.total = std::hypot(half.noise, half.shares);
   return half;
 }
 
@@ -281,7 +286,8 @@ class TuneSearch {
     found.state = replay_.at({controls_at(found.value)}, true).front();
     const Eigen::VectorXd gradient = replay_.stiffness_slopes({controls_at(found.value)}).row(0);
     const HalfWidths half = half_widths(replay_.fit(), shares_, gradient);
-    found.half = {half.noise / std::abs(found.slope), half.total / std::abs(found.slope)};
+    const double slope = std::abs(found.slope);
+    found.half = {half.noise / slope, half.shares / slope, half.total / slope};
     if (found.value - found.half.total >= question_.lower) found.lower95 = found.value - found.half.total;
     if (found.value + found.half.total <= question_.upper) found.upper95 = found.value + found.half.total;
     for (const auto& row : found.state.reading_slopes.rowwise())

@@ -17,8 +17,10 @@ namespace taut {
 /// root of the squares of that and, for each share that counts, |g . bias| + |g . moves|; where it has no Share::moves,
 /// sum_j |g_j| error_j instead, its errors being taken to add up at their worst.
 struct HalfWidths {
-  double noise = 0, total = 0;  ///< in the unit of the quantity
+  double noise = 0, shares = 0, total = 0;  ///< in the unit of the quantity
 };
+/// |g . bias| + sum_j |g_j| error_j of one share; NaN where it is not known.
+double part_of(const Share& share, const FitResult& fit, const Eigen::VectorXd& gradient);
 /// See HalfWidths. Shares that are not known (NaN) are left out.
 HalfWidths half_widths(const FitResult& fit, const std::vector<Share>& shares, const Eigen::VectorXd& gradient);
 

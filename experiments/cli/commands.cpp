@@ -27,14 +27,15 @@ Command predict_command();
 Command chart_command();
 Command report_command();
 Command tune_command();
+Command plan_command();
 Command compare_command();
 Command recheck_command();
 
 const std::vector<Command>& all_commands() {
   static const std::vector<Command> all{init_command(),     schema_command(),  check_command(),    draw_command(),
                                         replay_command(),   fit_command(),     simulate_command(), ik_command(),
-                                        optimise_command(), predict_command(), tune_command(),     compare_command(),
-                                        recheck_command(),  chart_command(),   report_command()};
+                                        optimise_command(), predict_command(), tune_command(),     plan_command(),
+                                        compare_command(),  recheck_command(), chart_command(),    report_command()};
   return all;
 }
 

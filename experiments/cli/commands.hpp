@@ -31,7 +31,7 @@ struct CommandOptions {
   std::string out;                   ///< run folder, "" for runs/<experiment>
   std::string name;                  ///< ik: the target that is meant, "" for all; chart: which one; tune: control
   bool stream = false;               ///< ik: targets from stdin
-  std::string rows;                  ///< predict: CSV file of new loads
+  std::string rows;                  ///< predict: CSV file of new loads; plan: of candidates
   double budget = 300;               ///< chart: time that its simulations may take [s]
   std::map<std::string, std::string> set;  ///< replay: parameter values that replace the nominal ones; tune: controls
   bool sensitivities = false;              ///< replay, simulate: derivatives too
@@ -41,8 +41,17 @@ struct CommandOptions {
   std::string load;                        ///< tune: the load along which
   std::vector<std::string> also;           ///< tune: conditions on channels
   bool no_map = false;                     ///< tune: without the map
-  double sigmas = 3;                       ///< compare: beyond which a parameter differs
-  bool no_fit = false;                     ///< recheck: without the fit
+  std::vector<std::string> tries;          ///< plan: "ID=FROM..TO", values of controls that are looked at
+  int levels = 5;                          ///< plan: how many in each range
+  std::string channels;                    ///< plan: that are read, "ID,ID,..."; "" for all
+  std::string parameter, predict;          ///< plan: the goal, a parameter or a channel at `at`; "" for neither
+  int count = 0;                           ///< plan: rows; 0: not said
+  double minutes = 0;                      ///< plan: bench time; 0: not said
+  std::string setup = "5 min", rest = "1 min", reading = "1 min";  ///< plan: costs
+  int draws = 8;                                                   ///< plan: of the parameters
+  unsigned seed = 1;                                               ///< plan: of the draws
+  double sigmas = 3;                                               ///< compare: beyond which a parameter differs
+  bool no_fit = false;                                             ///< recheck: without the fit
   bool json = false;
   bool quiet = false;
   bool no_variants = false;  ///< fit: without the [[fit.variant]] ones

@@ -117,6 +117,7 @@ const std::vector<Topic>& all_topics() {
       {"charts", "what `taut chart` draws", experiments, "## Charts"},
       {"run-folder", "what a run writes, and how it goes on", experiments, "## The run folder"},
       {"tuning", "the retraction for a wanted stiffness", experiments, "## Tuning"},
+      {"planning", "which rows to measure next", experiments, "## Planning"},
       {"comparing-runs", "two calibrations, or one done again", experiments, "## Comparing runs"},
       {"python", "the Python package", experiments, "## Python"},
       {"exit-codes", "what the command returns", experiments, "## Exit codes"},

@@ -11,6 +11,7 @@
 #include "calib/runs/open_bench.hpp"
 #include "calib/runs/provenance.hpp"
 #include "calib/studies/tuning.hpp"
+#include "experiments/cli/bench_words.hpp"
 #include "experiments/cli/commands.hpp"
 #include "experiments/cli/print.hpp"
 #include "experiments/cli/progress.hpp"
@@ -28,11 +29,6 @@ namespace fs = std::filesystem;
 namespace po = boost::program_options;
 using TuneJson = nlohmann::ordered_json;
 
-/// "12.3 mm"; zero in the unit of the control's other values.
-std::string value_text(const Bench& bench, size_t control, double value) {
-  return bench.describe_control(control, value).substr(bench.controls()[control].id.size() + 3);
-}
-
 /// --also "tip<5mm".
 struct Demand {
   std::string text;
@@ -48,27 +44,6 @@ struct TuneTask {
   std::vector<Demand> demands;
   Tuned tuned{};
 };
-
-size_t place_of_id(const std::vector<AxisRecord>& axes, const std::string& id, const std::string& where,
-                   const std::string& what) {
-  const auto found = std::ranges::find(axes, id, &AxisRecord::id);
-  if (found != axes.end()) return static_cast<size_t>(found - axes.begin());
-  std::vector<std::string> ids;
-  for (const AxisRecord& axis : axes) ids.push_back(axis.id);
-  throw InputError(
-      fmt::format("{}: '{}' is no {}{}; there are: {}", where, id, what, did_you_mean(id, ids), join(ids)));
-}
-
-double in_unit_of(const AxisRecord& axis, const std::string& text, const std::string& where) {
-  return parse_quantity(text, quantity_of_si_unit(axis.unit), where);
-}
-
-/// "5mm" as "5 mm": between number and unit a blank is wanted.
-std::string spaced(const std::string& text) {
-  const size_t unit = text.find_first_not_of("+-.0123456789eE");
-  if (unit == std::string::npos || unit == 0 || text[unit] == ' ') return text;
-  return text.substr(0, unit) + " " + text.substr(unit);
-}
 
 Demand demand_of(const std::string& text, const std::vector<AxisRecord>& channels) {
   Demand demand;

@@ -6,6 +6,7 @@
 #include "calib/fit/fit.hpp"
 #include "calib/runs/open_bench.hpp"
 #include "calib/runs/run_fit.hpp"
+#include "calib/studies/planning.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/static_bench.hpp"
 
@@ -96,6 +97,7 @@ class Specimens : public testing::Test {
 TEST_F(Specimens, ABoomAtEightExtensionsTellsItsRootFromItsModulus) {
   const std::unique_ptr<Bench> bench = open(boom_toml, boom_csv({0.07, 0.08, 0.09, 0.1, 0.11, 0.12, 0.13, 0.14}));
   EXPECT_EQ(bench->readings().size(), 16u);
+  expect_input_error([&] { check_can_be_planned(*bench); }, {"specimens.toml", "several specimens"});
   const FitResult result = fitted(*bench);
   ASSERT_EQ(result.status, FitStatus::converged);
   EXPECT_NEAR(result.parameters[0].value, boom_E, 5e-3 * boom_E);

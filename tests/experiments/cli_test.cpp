@@ -68,7 +68,7 @@ TEST_F(Command, HelpHasExamplesAndExitCodes) {
   expect_holds(help.out,
                {"examples:", "taut fit experiments/silicone_block/experiment.toml", "commands:", "exit codes:", "130"});
   for (const std::string command :
-       {"check", "replay", "fit", "predict", "tune", "compare", "recheck", "chart", "report"}) {
+       {"check", "replay", "fit", "predict", "tune", "plan", "compare", "recheck", "chart", "report"}) {
     const Outcome own = taut({command, "--help"});
     EXPECT_EQ(own.code, 0) << command;
     EXPECT_EQ(own.err, "") << command;
@@ -92,7 +92,7 @@ TEST_F(Command, WrongUsageIsExitCodeTwoWithASentenceOnStderr) {
   };
   refuses({"fti", experiment_},
           {"unknown command 'fti'", "did you mean 'fit'",
-           "check, draw, replay, fit, simulate, ik, optimise, predict, tune, compare, recheck, chart, report"});
+           "check, draw, replay, fit, simulate, ik, optimise, predict, tune, plan, compare, recheck, chart, report"});
   refuses({"check"}, {"EXPERIMENT is missing", "usage: taut check"});
   refuses({"check", experiment_, "--jsn"}, {"--jsn"});
   refuses({"check", experiment_, "another.toml"}, {"taut --help"});

@@ -7,60 +7,16 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
+#include "tests/support/cable_bar.hpp"
 #include "tests/support/command.hpp"
 #include "tests/support/experiment_files.hpp"
 
-// `taut tune`: a bar of foam, pulled along its axis, with a cable along the same axis whose way from slack to taut is
-// so long that its stiffness is a straight line over the retraction. Then all is a closed form.
+// `taut tune`, on a bar of which all is a closed form.
 namespace taut {
 namespace {
 
 using namespace test;
 using nlohmann::json;
-
-constexpr double kLength = 60e-3, kArea = 12e-3 * 20e-3;         // of the bar [m], [m2]
-constexpr double kCable = 8, kSlack = 5e-3, kTransition = 4e-3;  // [N/m], [m], [m]
-
-const std::string bar_toml =
-    foam_piece("A bar with a cable", "[4, 2]", "E = \"100 kPa\"\nnu = 0\n") + R"(fix = ["x", "y"]
-
-[cables]
-k = "8 N/m"
-slack = "5 mm"
-smoothing = "4 mm"
-retraction = "retraction_mm"
-
-[[cables.cable]]
-id = "middle"
-x = ["-20 mm", "60 mm"]
-y = ["6 mm", "6 mm"]
-
-[[load]]
-id = "pull"
-on = "xmax"
-direction = [1, 0]
-column = "pull_N"
-
-[[channel]]
-id = "tip"
-on = "xmax"
-direction = [1, 0]
-column = "tip_mm"
-noise = { absolute = "0.001 mm" }
-
-[bench]
-file = "bench.csv"
-
-[fit.free.E_foam]
-start = "80 kPa"
-lower = "1 kPa"
-upper = "10 MPa"
-
-[fit.free.k_cable]
-start = "5 N/m"
-lower = "0.1 N/m"
-upper = "1 kN/m"
-)";
 
 /// The tangent stiffness without load, with a bar of stiffness K at rest: K (1 + lambda^-2) / 2 of a neo-Hookean bar
 /// with nu = 0, whose force is K L (lambda - 1 / lambda) / 2 at the stretch lambda, and k phi''(e) of the cable. Its
@@ -79,30 +35,9 @@ double stiffness_at(double retraction, double K, double k) {
 
 class Tune : public testing::Test {
  protected:
-  /// Readings of the file's own model, to a micrometre, at two pulls [N] and these retractions [mm]; and their fit.
-  static void fit_own_readings(const std::string& run, const std::string& toml, const std::vector<double>& retractions,
-                               double pull) {
-    std::filesystem::create_directory(*folder_ / ("of_" + run));
-    folder_->write("of_" + run + "/bar.toml", toml);
-    std::string csv = "retraction_mm,pull_N,tip_mm\n";
-    for (const double retraction : retractions) {
-      for (const double times : {1.0, 2.0}) csv += fmt::format("{},{},1\n", retraction, times * pull);
-    }
-    const std::string bench = "of_" + run + "/bench.csv", experiment = "of_" + run + "/bar.toml";
-    folder_->write(bench, csv);
-    const json replay =
-        json::parse(done_in(*folder_ / "", {"replay", experiment, "--json", "--quiet", "--out", "replay"}).out);
-    csv = "retraction_mm,pull_N,tip_mm\n";
-    for (const json& row : replay.at("rows"))
-      csv += fmt::format("{:.6g},{:.6g},{:.3f}\n", 1e3 * row.at("controls")[1].get<double>(),
-                         row.at("controls")[0].get<double>(), 1e3 * row.at("predicted_m").get<double>());
-    folder_->write(bench, csv);
-    run_in(*folder_ / "", {"fit", experiment, "--quiet", "--out", run});
-  }
-
   static void SetUpTestSuite() {
     folder_ = new TemporaryFolder;
-    fit_own_readings("run", bar_toml, {0, 5, 10}, 0.1);
+    fit_own_readings(*folder_, "run", bar_toml, {0, 5, 10}, 0.1);
     const json fit = json::parse(text_of(*folder_ / "run/fit.json"));
     for (const json& p : fit.at("parameters")) (p.at("id") == "E_foam" ? E_ : k_) = p.at("value").get<double>();
     for (int i : {0, 1}) {
@@ -161,7 +96,7 @@ TEST_F(Tune, ACliffOfTheStiffnessIsNoSolution) {
   std::string toml = replaced(bar_toml, "k = \"8 N/m\"", "k = \"4 kN/m\"");
   toml = replaced(toml, "smoothing = \"4 mm\"", "smoothing = \"0.00001 mm\"");
   toml = replaced(toml, "start = \"5 N/m\"", "start = \"3 kN/m\"");
-  fit_own_readings("cliff", replaced(toml, "upper = \"1 kN/m\"", "upper = \"100 kN/m\""), {0, 5, 5.1}, 0.1);
+  fit_own_readings(*folder_, "cliff", replaced(toml, "upper = \"1 kN/m\"", "upper = \"100 kN/m\""), {0, 5, 5.1}, 0.1);
   const Outcome outcome = tune({"--stiffness", "1 N/mm", "--to", "5.1 mm", "--no-map", "--json"}, "cliff");
   EXPECT_EQ(outcome.code, 4) << outcome.err;
   const json tuned = json::parse(outcome.out).at("tuned")[0];
@@ -185,7 +120,7 @@ TEST_F(Tune, AllSolutionsAreListed) {
   toml = replaced(toml, "y = [\"6 mm\", \"6 mm\"]", "y = [\"11 mm\", \"11 mm\"]");
   toml = replaced(toml, "direction = [1, 0]\ncolumn = \"pull_N\"", "direction = [0, -1]\ncolumn = \"pull_N\"");
   toml = replaced(toml, "direction = [1, 0]\ncolumn = \"tip_mm\"", "direction = [0, -1]\ncolumn = \"tip_mm\"");
-  fit_own_readings("across", toml.substr(0, toml.find("[fit.free.k_cable]")), {0, 5, 8}, 0.02);
+  fit_own_readings(*folder_, "across", toml.substr(0, toml.find("[fit.free.k_cable]")), {0, 5, 8}, 0.02);
   const json scan =
       json::parse(tune({"--stiffness", "1 kN/m", "--no-map", "--json"}, "across").out).at("tuned")[0].at("scan");
   const auto k = [](const json& state) { return state.at("stiffness_N_per_m").get<double>(); };
