@@ -370,6 +370,7 @@ PlanKnowledge ask_rows(const Bench& bench, const PlanBelief& belief, const PlanQ
         continue;
       }
     }
+    knowledge.values.push_back(values);
     knowledge.known.push_back(known);
     if (has_readings) measured.ask(own.prediction);
     candidates.ask(values);
@@ -399,9 +400,9 @@ class ReachScan {
  public:
   ReachScan(const Bench& bench, const PlanBelief& belief, const PlanQuestion& question, const SigmaOfReading& sigma,
             const PlanKnowledge& knowledge, const PlanGoal& goal, int count)
-      : bench_(bench), belief_(belief), question_(question), replays_(belief, question, sigma), count_(count) {
-    task_.known = {knowledge.known.front()};
-    task_.goal.gradients = {goal.gradients.front()};
+      : bench_(bench), question_(question), knowledge_(knowledge), replays_(belief, question, sigma), count_(count) {
+    task_.known = knowledge.known;
+    task_.goal.gradients = goal.gradients;
     task_.rows.resize(1);
   }
 
@@ -445,39 +446,39 @@ class ReachScan {
 
   std::vector<Beyond> at(const std::vector<std::vector<double>>& rows) {
     const std::unique_ptr<Bench> there = bench_at(bench_, rows);
-    std::vector<double> values;
-    for (const PlanBelief::Parameter& one : belief_.parameters) values.push_back(one.value);
     std::vector<int> loads;  // whose sensitivities tell of the state
     for (const AxisRecord& control : bench_.controls()) {
       if (control.quantity == name_of(Quantity::force) || control.quantity == name_of(Quantity::mass))
         loads.push_back(there->protocol().parameters().index(control.id));
     }
-    const Asked asked = replays_.ask(*there, values, loads);
-    std::map<std::vector<double>, bool> touching;
-    for (const TangentStiffness& one : there->tangent_stiffness()) touching[one.controls] = one.touching;
+    const Eigen::MatrixXd nothing = Eigen::MatrixXd::Zero(replays_.count(), replays_.count());
+    std::vector<std::vector<Eigen::MatrixXd>> information(rows.size());
+    std::map<std::vector<double>, bool> touching;  // at the best values
+    for (const std::vector<double>& values : knowledge_.values) {
+      const Asked asked = replays_.ask(*there, values, loads);
+      for (const TangentStiffness& one : there->tangent_stiffness()) touching.try_emplace(one.controls, one.touching);
+      for (std::vector<Eigen::MatrixXd>& row : information) row.push_back(nothing);
+      for (const BenchReading& reading : there->readings()) {
+        const double value = asked.prediction.values[reading.row];
+        if (std::isfinite(value) && replays_.is_read(reading.channel))
+          replays_.add(reading, asked.prediction, information[static_cast<size_t>(reading.line) - 1].back());
+      }
+    }
     const double before = widths_after(task_, {}).noise;
     std::vector<Beyond> found;
-    for (const std::vector<double>& row : rows) {
+    for (size_t i = 0; i < rows.size(); ++i) {
       Beyond& beyond = found.emplace_back();
-      Eigen::MatrixXd information = Eigen::MatrixXd::Zero(replays_.count(), replays_.count());
-      bool solved = true;
-      for (const BenchReading& reading : there->readings()) {
-        if (static_cast<size_t>(reading.line) != found.size()) continue;
-        solved &= std::isfinite(asked.prediction.values[reading.row]);
-        if (solved && replays_.is_read(reading.channel)) replays_.add(reading, asked.prediction, information);
-      }
-      if (!solved) continue;
-      task_.rows.front().information = {information};
+      task_.rows.front().information = information[i];
       const double after = widths_after(task_, std::vector<size_t>(static_cast<size_t>(count_), 0)).noise;
       beyond.fraction = 1 - after / before;
-      if (const auto one = touching.find(row); one != touching.end()) beyond.touching = one->second;
+      if (const auto one = touching.find(rows[i]); one != touching.end()) beyond.touching = one->second;
     }
     return found;
   }
 
   const Bench& bench_;
-  const PlanBelief& belief_;
   const PlanQuestion& question_;
+  const PlanKnowledge& knowledge_;
   const Replays replays_;
   int count_;
   PlanTask task_;
