@@ -69,8 +69,9 @@ struct PlanRow {
 
 /// What rows say in each draw of the parameters.
 struct PlanKnowledge {
-  std::vector<Eigen::MatrixXd> known;   ///< of the bench's readings, with the prior, one per draw
-  std::vector<PlanRow> candidates;      ///< in the order of the question
+  std::vector<std::vector<double>> values;  ///< of the parameters, SI, a list per draw; the first are the best
+  std::vector<Eigen::MatrixXd> known;       ///< of the bench's readings, with the prior, one per draw
+  std::vector<PlanRow> candidates;          ///< in the order of the question
   std::vector<PlanRow> measured;        ///< distinct rows of the bench, in the order of its file, as if read once more
   std::vector<Eigen::VectorXd> slopes;  ///< of what is to be predicted, one per draw; empty: nothing is
   double predicted = 0;                 ///< that at the best values, SI
@@ -162,7 +163,8 @@ struct PlanReach {
 
 /// Scans each control from either end of the candidates' range over once that range (not to the other side of zero),
 /// the others at the candidates' largest values, for where `count` rows narrow the goal's noise by the fraction `worth`
-/// or more at the best values; narrows where that begins to 1/1000 of the range. `knowledge` is ask_rows()'s answer.
+/// or more, expected over the draws; narrows where that begins to 1/1000 of the range. Whether surfaces touch is told
+/// at the best values. `knowledge` is ask_rows()'s answer.
 std::vector<PlanReach> where_seen(const Bench& bench, const PlanBelief& belief, const PlanQuestion& question,
                                   const SigmaOfReading& sigma, const PlanKnowledge& knowledge, const PlanGoal& goal,
                                   int count, double worth,

@@ -103,10 +103,11 @@ TEST(Planning, AFloorIsNotNarrowed) {
   PlanTask task = line_task({0, 1}, 0.1);
   task.known = {Eigen::Matrix2d::Identity()};
   task.goal = {{Eigen::Vector2d(0, 1)}, 50};
-  EXPECT_NEAR(widths_after(task, {1, 1, 1, 1}).total, 50, 1e-2);
+  EXPECT_GT(widths_after(task, {1, 1, 1, 1}).total, 50);
+  EXPECT_LT(widths_after(task, {1, 1, 1, 1}).total, std::hypot(50, kQuantile));
   EXPECT_LT(narrowing(task, {1, 1, 1, 1}), 1e-3);
   task.goal.floor = 0;
-  EXPECT_GT(narrowing(task, {0, 1, 1, 1}), 0.9);
+  EXPECT_GT(narrowing(task, {0, 1, 1, 1}), 0.8);
 }
 
 TEST(Planning, SetUpsAreMadeOnceAndHaveToBeWorthTheirTime) {
@@ -132,7 +133,8 @@ TEST(Planning, SetUpsAreMadeOnceAndHaveToBeWorthTheirTime) {
   EXPECT_TRUE(choose_rows(task).rows.empty());  // a set-up and a row take 10 minutes
   task.minutes = 22;
   EXPECT_LE(minutes_of(task, choose_rows(task).rows), 22);
-  EXPECT_EQ(choose_rows(task).rows.size(), 5u);  // five rows of one set-up
+  // Two rows at x = 0 and 2 in two set-ups (Sxx = 2) say more than five at 0 and 1 in one (Sxx = 1.2).
+  EXPECT_EQ(x_of(task, choose_rows(task).rows), (std::vector<double>{0, 2}));
 }
 
 /// A task of random readings.
@@ -388,7 +390,7 @@ TEST(Planning, RowsToWhichAPathWithRetractionsSlipsAreNamed) {
   folder.write("bench.csv", "push_mN,retraction_mm,drop_mm\n8,0,0\n28,0,0\n");
   const std::string slack_cable = R"([cables]
 k = "1 N/m"
-slack = "60 mm"
+slack = "30 mm"
 retraction = "retraction_mm"
 [[cables.cable]]
 id = "idle"
