@@ -25,22 +25,29 @@ enum ExitCode {
 /// What was asked for on the command line.
 struct CommandOptions {
   std::string target;                ///< experiment file or run folder
-  std::vector<std::string> further;  ///< compare: the other run folders
+  std::vector<std::string> further;  ///< compare: the other run folders; score: tables
   std::string out;                   ///< run folder, "" for runs/<experiment>
   std::string name;                  ///< ik: the target that is meant, "" for all; chart: which one; tune: control
   bool stream = false;               ///< ik: targets from stdin
   std::string rows;                  ///< predict: CSV file of new loads
   double budget = 300;               ///< chart: time that its simulations may take [s]
-  std::map<std::string, std::string> set;  ///< replay: parameter values that replace the nominal ones; tune: controls
-  bool sensitivities = false;              ///< replay, simulate: derivatives too
-  std::string goal;                        ///< simulate: CHANNEL or CHANNEL@TIME whose gradient is asked for
-  std::string wrt;                         ///< simulate: the parameters of both, "ID,ID,..."; "" for all
-  std::string stiffness, at, from, to;     ///< tune: what is wanted, the load at which, the range looked at
-  std::string load;                        ///< tune: the load along which
-  std::vector<std::string> also;           ///< tune: conditions on channels
-  bool no_map = false;                     ///< tune: without the map
-  double sigmas = 3;                       ///< compare: beyond which a parameter differs
-  bool no_fit = false;                     ///< recheck: without the fit
+  std::map<std::string, std::string>
+      set;  ///< replay: parameter values that replace the nominal ones; tune, export: controls; score: noise
+  bool sensitivities = false;            ///< replay, simulate: derivatives too
+  std::string goal;                      ///< simulate: CHANNEL or CHANNEL@TIME whose gradient is asked for
+  std::string wrt;                       ///< simulate: the parameters of both, "ID,ID,..."; "" for all
+  std::string stiffness, at, from, to;   ///< tune: what is wanted, the load at which, the range looked at
+  std::string load;                      ///< tune: the load along which
+  std::vector<std::string> also;         ///< tune: conditions on channels
+  std::string format;                    ///< export: what for
+  std::vector<std::string> retractions;  ///< export: the states
+  std::string largest;                   ///< export: the load up to which it holds
+  int hinges = 10;                       ///< export: of bodies that are no modules
+  std::string experiment;                ///< score: the file that says what the columns are
+  std::vector<std::string> channels;     ///< score: columns that were measured; export: the one followed
+  bool no_map = false;                   ///< tune: without the map
+  double sigmas = 3;                     ///< compare: beyond which a parameter differs
+  bool no_fit = false;                   ///< recheck: without the fit
   bool json = false;
   bool quiet = false;
   bool no_variants = false;  ///< fit: without the [[fit.variant]] ones

@@ -117,6 +117,8 @@ const std::vector<Topic>& all_topics() {
       {"charts", "what `taut chart` draws", experiments, "## Charts"},
       {"run-folder", "what a run writes, and how it goes on", experiments, "## The run folder"},
       {"tuning", "the retraction for a wanted stiffness", experiments, "## Tuning"},
+      {"scoring", "any simulator's predictions against a rig", experiments, "## Scoring simulators"},
+      {"exporting", "a module for other simulators", experiments, "## Exporting"},
       {"comparing-runs", "two calibrations, or one done again", experiments, "## Comparing runs"},
       {"exit-codes", "what the command returns", experiments, "## Exit codes"},
       {"verdicts", "how well the readings determine a parameter", experiments, "## Verdicts"},
