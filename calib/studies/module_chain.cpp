@@ -4,11 +4,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <set>
 
 #include "calib/benches/model.hpp"
 #include "sim/core/dense.hpp"
 #include "sim/core/error.hpp"
+#include "sim/core/numbers.hpp"
 #include "sim/mesh/weights.hpp"
 #include "sim/scene/channel_kinds.hpp"
 #include "sim/shapes/push_puppet_3d.hpp"
@@ -297,7 +299,16 @@ class ChainMaker {
     segment.half = 0.5 * (high - low);
   }
 
-  void find_masses() {
+  /// A piece of an element's mass.
+  struct Lump {
+    double mass = 0, off = 0;  ///< [kg]; off the plane [m]
+    Eigen::Vector2d at{0, 0};  ///< at rest in the plane [m]
+    size_t segment = 0;
+  };
+
+  /// The mass of each simplex in equal lumps between its centroid and its vertices, where they have its own second
+  /// moments: at the fraction 1 / sqrt(d + 2) of the way.
+  std::vector<Lump> lumps() {
     const std::vector<double> measures = element_measures(*mesh_);
     std::map<int, double> densities;
     for (size_t region = 0; region < mesh_->region_names.size(); ++region) {
@@ -306,29 +317,43 @@ class ChainMaker {
       densities[static_cast<int>(region)] = known ? *material->density : assumed_density;
       if (!known) made_.assumed.push_back(mesh_->region_names[region]);
     }
-    const double times = (setup_.dimension == 2 ? setup_.thickness : 1) / setup_.share();
-    std::vector<double> masses(measures.size());
-    std::vector<size_t> segments(measures.size());
+    const int d = dimension();
+    const double times = (d == 2 ? setup_.thickness : 1) / setup_.share() / (d + 1);
+    std::vector<Lump> all;
+    for (int e = 0; e < mesh_->element_count(); ++e) {
+      const Eigen::VectorXd centroid = mesh_->centroid(e);
+      const auto element = static_cast<size_t>(e);
+      for (int a = 0; a <= d; ++a) {
+        const Eigen::VectorXd X = centroid + (mesh_->node(mesh_->element(e)[a]) - centroid) / std::sqrt(d + 2.0);
+        Lump& lump = all.emplace_back();
+        lump.mass = times * measures[element] * densities[mesh_->region[element]];
+        lump.off = off_plane(X);
+        lump.at = plane(X);
+        lump.segment = static_cast<size_t>(segment_of(lump.at));
+      }
+    }
+    return all;
+  }
+
+  void find_masses() {
+    const std::vector<Lump> all = lumps();
     std::vector<Eigen::Vector2d> centres(made_.segments.size(), Eigen::Vector2d::Zero());
-    for (size_t e = 0; e < measures.size(); ++e) {
-      const Eigen::Vector2d X = plane(mesh_->centroid(static_cast<int>(e)));
-      segments[e] = static_cast<size_t>(segment_of(X));
-      masses[e] = times * measures[e] * densities[mesh_->region[e]];
-      made_.segments[segments[e]].mass += masses[e];
-      centres[segments[e]] += masses[e] * X;
+    for (const Lump& lump : all) {
+      made_.segments[lump.segment].mass += lump.mass;
+      centres[lump.segment] += lump.mass * lump.at;
     }
     for (size_t i = 0; i < centres.size(); ++i) {
-      if (!(made_.segments[i].mass > 0)) fail("a segment has no element; ask for fewer hinges with --hinges");
+      if (!(made_.segments[i].mass > 0))
+        fail(fmt::format("{} hinges are more than the mesh resolves; ask for fewer with --hinges", places_.size()));
       centres[i] /= made_.segments[i].mass;
       made_.segments[i].centre = motions_[i](centres[i]);
     }
     const Eigen::Vector2d across(-axis_along_.y(), axis_along_.x());
-    for (size_t e = 0; e < measures.size(); ++e) {
-      const Eigen::VectorXd X = mesh_->centroid(static_cast<int>(e));
-      const Eigen::Vector2d from = plane(X) - centres[segments[e]];
+    for (const Lump& lump : all) {
+      const Eigen::Vector2d from = lump.at - centres[lump.segment];
       const double a = std::pow(from.dot(axis_along_), 2), b = std::pow(from.dot(across), 2);
-      const double n = setup_.dimension == 2 ? setup_.thickness * setup_.thickness / 12 : std::pow(off_plane(X), 2);
-      made_.segments[segments[e]].inertia += masses[e] * Eigen::Vector3d(b + n, a + n, a + b);
+      const double n = setup_.dimension == 2 ? setup_.thickness * setup_.thickness / 12 : lump.off * lump.off;
+      made_.segments[lump.segment].inertia += lump.mass * Eigen::Vector3d(b + n, a + n, a + b);
     }
   }
 

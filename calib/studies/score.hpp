@@ -52,6 +52,7 @@ struct ChannelScore {
 struct Closure {
   int channel = 0;
   std::vector<double> held;  ///< the controls of that series, SI; that of the retraction is NaN
+  /// Two neighbouring retractions.
   struct Step {
     double from = 0, to = 0;  ///< retractions [m]
     double factor = 1;        ///< displacement at `from` over that at `to`
