@@ -110,7 +110,7 @@ class ScoreReader {
 
   void take_experiment() {
     const Experiment experiment = read_experiment(question_.experiment);
-    if (experiment.bench.channels.empty())
+    if (experiment.kind->readings != nullptr)
       throw InputError(fmt::format(
           "{}: its readings are those of {}, which stand in files of their own; a table of readings at rest can be "
           "scored",
@@ -301,7 +301,7 @@ class ScoreReader {
     format.sigma_column.clear();
     format.excluded.clear();
     for (BenchFormat::Control& control : format.controls) {
-      if (const auto found = sim.find({control.column, control.id, base_of(control.column)}))
+      if (const auto found = sim.find({control.column, control.id, base_of(control.column), control.id + "_1"}))
         control.column = sim.name(*found);
     }
     for (BenchFormat::Channel& channel : format.channels) channel.noise = {no_noise};

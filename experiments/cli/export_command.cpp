@@ -114,14 +114,17 @@ ExportJson export_chains(const ExportedRun& run, const std::string& to) {
   ChainText text{run.name(),           run.record.title, run.record.simulated,
                  run.bench.controls(), run.load(),       run.bench.channels()[question.channel].id};
   std::vector<ModuleChain> chains;
+  const std::string ending = to == "mujoco" ? ".xml" : ".urdf";
   std::vector<std::string> files;
   for (const std::vector<double>& state : states) {
     question.controls = state;
-    const std::string name = state_name(run, state, states.size() > 1);
+    std::string name = state_name(run, state, states.size() > 1);
+    const auto is_taken = [&](const std::string& file) { return std::ranges::count(files, file) > 0; };
+    while (is_taken(name + ending)) name += "_";  // states that differ beyond the digits of their names
     run.progress.show(fmt::format("the chain of {}", name));
     chains.push_back(module_chain(run.replay, question));
     text.name = name;
-    files.push_back(name + (to == "mujoco" ? ".xml" : ".urdf"));
+    files.push_back(name + ending);
     write_file((fs::path(run.folder) / files.back()).string(),
                to == "mujoco" ? mjcf(chains.back(), text) : urdf(chains.back(), text));
     if (run.options.interrupted()) break;

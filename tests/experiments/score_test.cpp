@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <sstream>
 
 #include "tests/support/command.hpp"
 #include "tests/support/experiment_files.hpp"
@@ -43,6 +44,46 @@ TEST(ScoreCommand, TakesThePredictionsOfAReplayBesideAnotherProgramsTable) {
   EXPECT_TRUE(alone.at("ranked")[0].at("chi_squared").is_null());
 }
 
+/// Channels of unlike units stand in one column of a replay's table, each with its unit. The clamp bears the whole
+/// pull.
+TEST(ScoreCommand, TakesReplaysWhoseChannelsHaveUnlikeUnits) {
+  const TemporaryFolder folder;
+  folder.write("beam.toml",
+               replaced(beam_toml, "\n[bench]",
+                        "\n[[channel]]\nid = \"clamp\"\nkind = \"reaction\"\non = \"xmin\"\ndirection = [0, 1]\n"
+                        "column = \"clamp_mN\"\nnoise = { absolute = \"2 mN\" }\n\n[bench]"));
+  folder.write("bench.csv", "trial,pull_N,tip_mm,clamp_mN\na,0.05,1,52\na,0.1,2,99\n");
+  done_in(folder / "", {"replay", "beam.toml", "--quiet", "--out", "replay"});
+  ASSERT_NE(text_of(folder / "replay/predictions.csv").find(",unit\n"), std::string::npos);
+  const json scored = json::parse(
+      done_in(folder / "", {"score", "bench.csv", "replay/predictions.csv", "--experiment", "beam.toml", "--json"})
+          .out);
+  const json& clamp = scored.at("ranked")[0].at("channels")[1];
+  EXPECT_EQ(clamp.at("channel"), "clamp");
+  EXPECT_NEAR(clamp.at("bias").get<double>(), (-2e-3 + 1e-3) / 2, 1e-8);
+  EXPECT_NEAR(clamp.at("chi_squared").get<double>(), 1 + 0.25, 1e-4);
+}
+
+/// Strains are pure numbers, per cent in the bench file; modes stand in a column of text.
+TEST(ScoreCommand, TakesReplaysOfAMaterialPoint) {
+  const TemporaryFolder folder;
+  const std::string experiment = TAUT_SOURCE_DIR "/experiments/foam_point/experiment.toml";
+  done_in(folder / "", {"replay", experiment, "--quiet", "--out", "replay"});
+  double chi_squared = 0;
+  std::istringstream lines(text_of(folder / "replay/predictions.csv"));
+  for (std::string line; std::getline(lines, line);) {
+    std::vector<std::string> cells;
+    std::istringstream row(line);
+    for (std::string cell; std::getline(row, cell, ',');) cells.push_back(cell);
+    if (cells.at(0) != "line")  // strain, measured, sigma, predicted
+      chi_squared += std::pow((std::stod(cells.at(6)) - std::stod(cells.at(4))) / std::stod(cells.at(5)), 2);
+  }
+  const json scored = json::parse(done_in(folder / "", {"score", TAUT_SOURCE_DIR "/data/foam_curves/bench.csv",
+                                                        "replay/predictions.csv", "--experiment", experiment, "--json"})
+                                      .out);
+  EXPECT_NEAR(scored.at("ranked")[0].at("chi_squared").get<double>(), chi_squared, 1e-6 * chi_squared);
+}
+
 TEST(ScoreCommand, SaysTheSameInWords) {
   const TemporaryFolder folder;
   folder.write("rig.csv", "trial,pull_N,tip_mm\na,0.05,1\nb,0.05,1.2\na,0.1,2\nb,0.1,2.2\n");
@@ -70,6 +111,10 @@ TEST(ScoreCommand, WrongInputGetsOneSentence) {
   const Outcome missing = run_in(folder / "", {"score", "rig.csv", "none.csv"});
   EXPECT_EQ(missing.code, 2);
   expect_holds(missing.err, {"none.csv"});
+  const Outcome recordings = run_in(folder / "", {"score", "rig.csv", "sim.csv", "--experiment",
+                                                  TAUT_SOURCE_DIR "/experiments/silicone_swing/experiment.toml"});
+  EXPECT_EQ(recordings.code, 2);
+  expect_holds(recordings.err, {"which stand in files of their own"});
   const Outcome no_channel = run_in(folder / "", {"score", "rig.csv", "sim.csv", "--channel", "top_mm"});
   EXPECT_EQ(no_channel.code, 2);
   expect_holds(no_channel.err, {"--channel top_mm: rig.csv has no such column"});
