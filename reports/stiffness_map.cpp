@@ -186,13 +186,17 @@ class MapFigure {
 std::string stiffness_map_csv(const StiffnessMap& map, const StiffnessMapText& text) {
   std::string csv = fmt::format("# {}{}{}\n# interpolation: {}; {}\n", text.simulated ? "SIMULATED DATA: " : "",
                                 text.title, held_text(text), kRule, interpolation_error(map, text));
-  csv += fmt::format("{}_{},{}_{},stiffness_N_per_m,noise_half95_N_per_m,total_half95_N_per_m,touching,slipped\n",
+  csv += fmt::format("{}_{},{}_{},stiffness_N_per_m,noise_half95_N_per_m,total_half95_N_per_m,touching,slipped",
                      text.control.id, column_suffix(text.control.unit), text.load.id, column_suffix(text.load.unit));
+  for (const AxisRecord& channel : text.channels) csv += fmt::format(",{}_{}", channel.id, column_suffix(channel.unit));
+  csv += "\n";
   for (const StiffnessMap::Node& node : map.nodes) {
     const TunedState& state = node.state;
-    csv += fmt::format("{:.10g},{:.10g},{},{},{},{:d},{:d}\n", state.controls[map.control], state.controls[map.load],
+    csv += fmt::format("{:.10g},{:.10g},{},{},{},{:d},{:d}", state.controls[map.control], state.controls[map.load],
                        plot::field(state.stiffness), plot::field(node.half.noise), plot::field(node.half.total),
                        state.touching, state.slipped);
+    for (size_t c = 0; c < text.channels.size(); ++c) csv += "," + plot::field(state.readings[c]);
+    csv += "\n";
   }
   return csv;
 }
@@ -220,6 +224,10 @@ std::string stiffness_map_json(const StiffnessMap& map, const StiffnessMapText& 
   json["total_half95_N_per_m"] = rows_of([](const auto& node) { return node.half.total; });
   json["touching"] = rows_of([](const auto& node) { return node.state.touching; });
   json["slipped"] = rows_of([](const auto& node) { return node.state.slipped; });
+  json["channels"] = Json::object();
+  for (size_t c = 0; c < text.channels.size(); ++c)
+    json["channels"][text.channels[c].id] = {
+        {"unit", text.channels[c].unit}, {"values", rows_of([&](const auto& node) { return node.state.readings[c]; })}};
   Json& interpolation = json["interpolation"] = {{"rule", kRule}, {"checks", map.checks.size()}};
   for (const bool mixed : {false, true}) {
     const StiffnessMap::Check* worst = map.worst(mixed);

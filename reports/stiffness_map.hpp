@@ -9,11 +9,12 @@ namespace taut {
 
 /// What stands around a map of stiffness in its files.
 struct StiffnessMapText {
-  std::string title;                  ///< of the run
-  bool simulated = false;             ///< its readings were
-  AxisRecord control, load;           ///< over which it is
-  std::vector<AxisRecord> held = {};  ///< other controls,
-  std::vector<double> held_at = {};   ///< and their values, SI
+  std::string title;                      ///< of the run
+  bool simulated = false;                 ///< its readings were
+  AxisRecord control, load;               ///< over which it is
+  std::vector<AxisRecord> held = {};      ///< other controls,
+  std::vector<double> held_at = {};       ///< and their values, SI
+  std::vector<AxisRecord> channels = {};  ///< what is read there, as TunedState::readings
 };
 
 /// What interpolating in the map is worth: its errors at points between the nodes, where closing runs between them
@@ -21,8 +22,8 @@ struct StiffnessMapText {
 std::string interpolation_error(const StiffnessMap& map, const StiffnessMapText& text);
 
 /// The map as a table, a node a row: both controls, `stiffness_N_per_m`, the half widths of its 95 % bands of noise and
-/// in all (N/m), whether surfaces touch (0, 1), whether the way there slipped. A state without an equilibrium has no
-/// number. SI; comment lines say how to interpolate and what that is worth.
+/// in all (N/m), whether surfaces touch (0, 1), whether the way there slipped, what each channel reads. A state without
+/// an equilibrium has no number. SI; comment lines say how to interpolate and what that is worth.
 std::string stiffness_map_csv(const StiffnessMap& map, const StiffnessMapText& text);
 
 /// The same as JSON: `control` and `load` with their `values`, `stiffness_N_per_m` and the others as lists of rows (a

@@ -53,9 +53,10 @@ struct SwingRecord {
 
 /// An equilibrium that the last replay found, for drawings.
 struct SolvedState {
-  std::string label;        ///< "retraction = 5.89 mm, mass = 50 g"
-  std::string row, column;  ///< what is held, and the load ("mass 50 g"): its place in a table of pictures
-  Eigen::VectorXd u;        ///< [m], all unknowns
+  std::string label;                  ///< "retraction = 5.89 mm, mass = 50 g"
+  std::string row, column;            ///< what is held, and the load ("mass 50 g"): its place in a table of pictures
+  Eigen::VectorXd u;                  ///< [m], all unknowns
+  std::vector<double> controls = {};  ///< SI, in the order of Bench::controls()
 };
 
 /// The equilibria of a replay, held controls first and loads second. No mesh: the bench has none.

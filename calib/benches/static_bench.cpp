@@ -671,6 +671,7 @@ SolvedStates StaticBench::states() const {
   for (const StaticProtocol::Condition* condition : solved) {
     SolvedState& state = all.states.emplace_back();
     state.label = describe_controls(condition->controls);
+    state.controls = condition->controls;
     state.row = series_of(condition->controls);
     if (drawn_control_ >= 0) {
       const size_t k = static_cast<size_t>(drawn_control_);

@@ -24,7 +24,7 @@ size_t place_of_id(const std::vector<AxisRecord>& axes, const std::string& id, c
 }
 
 double in_unit_of(const AxisRecord& axis, const std::string& text, const std::string& where) {
-  return parse_quantity(text, quantity_of_si_unit(axis.unit), where);
+  return parse_quantity(spaced(text), quantity_of_si_unit(axis.unit), where);
 }
 
 std::string spaced(const std::string& text) {

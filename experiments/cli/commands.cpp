@@ -28,14 +28,16 @@ Command chart_command();
 Command report_command();
 Command tune_command();
 Command plan_command();
+Command score_command();
+Command export_command();
 Command compare_command();
 Command recheck_command();
 
 const std::vector<Command>& all_commands() {
-  static const std::vector<Command> all{init_command(),     schema_command(),  check_command(),    draw_command(),
-                                        replay_command(),   fit_command(),     simulate_command(), ik_command(),
-                                        optimise_command(), predict_command(), tune_command(),     plan_command(),
-                                        compare_command(),  recheck_command(), chart_command(),    report_command()};
+  static const std::vector<Command> all{
+      init_command(),     schema_command(), check_command(),    draw_command(),    replay_command(), fit_command(),
+      simulate_command(), ik_command(),     optimise_command(), predict_command(), tune_command(),   plan_command(),
+      export_command(),   score_command(),  compare_command(),  recheck_command(), chart_command(),  report_command()};
   return all;
 }
 
@@ -52,12 +54,14 @@ void add_out(AddOption add, CommandOptions& options, const char* what) {
 }
 
 void add_assignments(AddOption add, std::map<std::string, std::string>& values, const char* name, const char* what) {
-  const auto keep = [&values, name](const std::vector<std::string>& settings) {
+  const std::string_view example = std::string_view(name) == "set"     ? "E_foam=\"50 kPa\""
+                                   : std::string_view(name) == "noise" ? "tip=\"0.02 mm\""
+                                                                       : "retraction=\"5 mm\"";
+  const auto keep = [&values, name, example](const std::vector<std::string>& settings) {
     for (const std::string& setting : settings) {
       const size_t equals = setting.find('=');
       if (equals == std::string::npos || equals == 0)
-        throw InputError(fmt::format("--{0} {1}: write ID=VALUE, for example --{0} {2}", name, setting,
-                                     std::string_view(name) == "set" ? "E_foam=\"50 kPa\"" : "retraction=\"5 mm\""));
+        throw InputError(fmt::format("--{0} {1}: write ID=VALUE, for example --{0} {2}", name, setting, example));
       values[setting.substr(0, equals)] = setting.substr(equals + 1);
     }
   };

@@ -27,13 +27,13 @@ enum ExitCode {
 /// What was asked for on the command line.
 struct CommandOptions {
   std::string target;                ///< experiment file or run folder
-  std::vector<std::string> further;  ///< compare: the other run folders
+  std::vector<std::string> further;  ///< compare: the other run folders; score: tables
   std::string out;                   ///< run folder, "" for runs/<experiment>
   std::string name;                  ///< ik: the target that is meant, "" for all; chart: which one; tune: control
   bool stream = false;               ///< ik: targets from stdin
   std::string rows;                  ///< predict: CSV file of new loads; plan: of candidates
   double budget = 300;               ///< chart: time that its simulations may take [s]
-  std::map<std::string, std::string> set;  ///< replay: parameter values that replace the nominal ones; tune: controls
+  std::map<std::string, std::string> set;  ///< parameter values of replay; controls of tune, export; noise of score
   bool sensitivities = false;              ///< replay, simulate: derivatives too
   std::string goal;                        ///< simulate: CHANNEL or CHANNEL@TIME whose gradient is asked for
   std::string wrt;                         ///< simulate: the parameters of both, "ID,ID,..."; "" for all
@@ -43,15 +43,21 @@ struct CommandOptions {
   bool no_map = false;                     ///< tune: without the map
   std::vector<std::string> tries;          ///< plan: "ID=FROM..TO", values of controls that are looked at
   int levels = 5;                          ///< plan: how many in each range
-  std::string channels;                    ///< plan: that are read, "ID,ID,..."; "" for all
+  std::string read_channels;               ///< plan: that are read, "ID,ID,..."; "" for all
   std::string parameter, predict;          ///< plan: the goal, a parameter or a channel at `at`; "" for neither
   int count = 0;                           ///< plan: rows; 0: not said
   double minutes = 0;                      ///< plan: bench time; 0: not said
   std::string setup = "5 min", rest = "1 min", reading = "1 min";  ///< plan: costs
   int draws = 8;                                                   ///< plan: of the parameters
   unsigned seed = 1;                                               ///< plan: of the draws
-  double sigmas = 3;                                               ///< compare: beyond which a parameter differs
-  bool no_fit = false;                                             ///< recheck: without the fit
+  std::string format;                                              ///< export: what for
+  std::vector<std::string> retractions;                            ///< export: the states
+  std::string largest;                                             ///< export: the load up to which it holds
+  int hinges = 10;                                                 ///< export: of bodies that are no modules
+  std::string experiment;                                          ///< score: the file that says what the columns are
+  std::vector<std::string> channels;  ///< score: columns that were measured; export: the one followed
+  double sigmas = 3;                  ///< compare: beyond which a parameter differs
+  bool no_fit = false;                ///< recheck: without the fit
   bool json = false;
   bool quiet = false;
   bool no_variants = false;  ///< fit: without the [[fit.variant]] ones

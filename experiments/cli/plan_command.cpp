@@ -12,6 +12,7 @@
 #include "calib/data/run_folder.hpp"
 #include "calib/runs/new_reading.hpp"
 #include "calib/runs/open_bench.hpp"
+#include "calib/runs/provenance.hpp"
 #include "calib/studies/planning.hpp"
 #include "calib/studies/tuning.hpp"
 #include "experiments/cli/bench_words.hpp"
@@ -19,7 +20,6 @@
 #include "experiments/cli/plan_output.hpp"
 #include "experiments/cli/print.hpp"
 #include "experiments/cli/progress.hpp"
-#include "experiments/cli/provenance.hpp"
 #include "reports/estimate_text.hpp"
 #include "reports/run_record.hpp"
 #include "sim/core/error.hpp"
@@ -248,13 +248,13 @@ std::vector<std::vector<double>> candidates_of(const CommandOptions& options, co
 
 std::vector<int> channels_of(const CommandOptions& options, const Bench& bench) {
   std::vector<int> channels;
-  for (size_t begin = 0; !options.channels.empty() && begin <= options.channels.size();) {
-    const size_t end = std::min(options.channels.find(',', begin), options.channels.size());
-    const std::string id(trimmed(std::string_view(options.channels).substr(begin, end - begin)));
+  for (size_t begin = 0; !options.read_channels.empty() && begin <= options.read_channels.size();) {
+    const size_t end = std::min(options.read_channels.find(',', begin), options.read_channels.size());
+    const std::string id(trimmed(std::string_view(options.read_channels).substr(begin, end - begin)));
     channels.push_back(static_cast<int>(place_of_id(bench.channels(), id, "--channels", "channel")));
     begin = end + 1;
   }
-  for (size_t c = 0; options.channels.empty() && c < bench.channels().size(); ++c)
+  for (size_t c = 0; options.read_channels.empty() && c < bench.channels().size(); ++c)
     channels.push_back(static_cast<int>(c));
   return channels;
 }
@@ -565,7 +565,7 @@ void add_plan_options(AddOption add, CommandOptions& options) {
   add("try", po::value(&options.tries)->value_name("ID=FROM..TO")->composing(),
       "another range of a control, or a value of it; may be repeated");
   add("levels", po::value(&options.levels)->value_name("N"), "even values in a range; default: 5");
-  add("channels", po::value(&options.channels)->value_name("ID,..."), "what is read in each row; default: all");
+  add("channels", po::value(&options.read_channels)->value_name("ID,..."), "what is read in each row; default: all");
   add("draws", po::value(&options.draws)->value_name("N"),
       "of the parameters, over which widths are averaged; default: 8");
   add("seed", po::value(&options.seed)->value_name("N"), "of the draws; default: 1");

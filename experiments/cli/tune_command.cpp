@@ -6,7 +6,6 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
-#include "calib/data/files.hpp"
 #include "calib/data/run_folder.hpp"
 #include "calib/runs/open_bench.hpp"
 #include "calib/runs/provenance.hpp"
@@ -15,11 +14,11 @@
 #include "experiments/cli/commands.hpp"
 #include "experiments/cli/print.hpp"
 #include "experiments/cli/progress.hpp"
+#include "experiments/cli/run_controls.hpp"
 #include "reports/axes.hpp"
 #include "reports/run_record.hpp"
 #include "reports/stiffness_map.hpp"
 #include "sim/core/error.hpp"
-#include "sim/core/numbers.hpp"
 #include "sim/core/units.hpp"
 
 namespace taut {
@@ -55,44 +54,9 @@ Demand demand_of(const std::string& text, const std::vector<AxisRecord>& channel
   const std::string id(trimmed(std::string_view(text).substr(0, at)));
   demand.channel = place_of_id(channels, id, "--also " + text, "channel");
   demand.below = text[at] == '<';
-  demand.limit = in_unit_of(channels[demand.channel],
-                            spaced(std::string(trimmed(std::string_view(text).substr(at + 1)))), "--also " + text);
+  demand.limit = in_unit_of(channels[demand.channel], std::string(trimmed(std::string_view(text).substr(at + 1))),
+                            "--also " + text);
   return demand;
-}
-
-/// The load along which stiffness is meant: the named one, else the one that the figures are drawn over.
-size_t load_of(const CommandOptions& options, const Bench& bench) {
-  if (!options.load.empty()) return place_of_id(bench.controls(), options.load, "--load", "control of the bench");
-  if (bench.drawn_control() < 0)
-    throw InputError(fmt::format("{}: its bench hangs no load against which there is a stiffness", options.target));
-  return static_cast<size_t>(bench.drawn_control());
-}
-
-/// What is sought: the named control, else each retraction.
-std::vector<size_t> controls_of(const CommandOptions& options, const Bench& bench, size_t load) {
-  if (!options.name.empty()) {
-    const size_t named = place_of_id(bench.controls(), options.name, "--control", "control of the bench");
-    if (named == load)
-      throw InputError(
-          fmt::format("--control {}: that is the load; say which control is sought beside it", options.name));
-    if (!bench.controls()[named].labels.empty())
-      throw InputError(fmt::format("--control {}: its values are names, between which there is nothing", options.name));
-    return {named};
-  }
-  std::vector<size_t> found;
-  for (size_t k = 0; k < bench.controls().size(); ++k) {
-    if (bench.experiment().cables.columns.contains(bench.controls()[k].id)) found.push_back(k);
-  }
-  if (!found.empty()) return found;
-  std::vector<std::string> others;
-  for (size_t k = 0; k < bench.controls().size(); ++k) {
-    if (k != load && bench.controls()[k].labels.empty()) others.push_back(bench.controls()[k].id);
-  }
-  throw InputError(others.empty() ? fmt::format("{}: its bench sets nothing besides the load, so that there is nothing "
-                                                "to tune; a run with a retraction has",
-                                                options.target)
-                                  : fmt::format("{}: no cable is retracted; say with --control what is sought: {}",
-                                                options.target, join(others)));
 }
 
 /// The question for one control; the others as --hold says, else at their smallest size at the bench.
@@ -103,22 +67,13 @@ TuneTask task_of(const CommandOptions& options, const Bench& bench, size_t load,
   if (!(task.question.stiffness > 0))
     throw InputError("--stiffness: at an equilibrium that lasts it is larger than zero; give such a one");
   task.question.control = control;
-  for (size_t k = 0; k < axes.size(); ++k)
-    task.question.controls.push_back(
-        std::ranges::min(bench.values_of(k), {}, [](double value) { return std::abs(value); }));
-  for (const auto& [id, text] : options.set) {
-    const size_t k = place_of_id(axes, id, "--hold", "control of the bench");
-    if (k == control || k == load)
-      throw InputError(fmt::format("--hold {}: that is {}; hold others", id,
-                                   k == load ? "the load, which --at sets" : "what is sought"));
-    task.question.controls[k] = in_unit_of(axes[k], spaced(text), "--hold " + id);
-  }
-  task.question.controls[load] = options.at.empty() ? 0 : in_unit_of(axes[load], spaced(options.at), "--at");
+  task.question.controls = held_controls(options, bench, load, control, "--at");
+  if (!options.at.empty()) task.question.controls[load] = in_unit_of(axes[load], options.at, "--at");
   const std::vector<double> values = bench.values_of(control);
   task.question.lower = values.front();
   task.question.upper = values.back();
-  if (!options.from.empty()) task.question.lower = in_unit_of(axes[control], spaced(options.from), "--from");
-  if (!options.to.empty()) task.question.upper = in_unit_of(axes[control], spaced(options.to), "--to");
+  if (!options.from.empty()) task.question.lower = in_unit_of(axes[control], options.from, "--from");
+  if (!options.to.empty()) task.question.upper = in_unit_of(axes[control], options.to, "--to");
   if (!(task.question.lower < task.question.upper))
     throw InputError(
         fmt::format("the range of {} is from {} to {}; give a larger end with --to, or a smaller one with "
@@ -242,18 +197,11 @@ TuneJson tuned_json(const TuneTask& task, const Bench& bench, size_t load) {
 /// The map of one control as figure and tables; returns a sentence about them.
 std::string write_map(const RunRecord& record, const Bench& bench, const StiffnessReplay& replay, const TuneTask& task,
                       const std::string& folder, Progress& progress, TuneJson& json) {
-  const size_t load = replay.load(), control = task.question.control;
+  const size_t load = replay.load();
   const double largest = std::max(bench.values_of(load).back(), task.question.controls[load]);
   const StiffnessMap map = stiffness_map(replay, record.shares, task.question, largest, {},
                                          [&](const std::string& text) { progress.show(text); });
-  StiffnessMapText text{record.title, record.simulated, bench.controls()[control], bench.controls()[load]};
-  for (size_t k = 0; k < bench.controls().size(); ++k) {
-    if (k == load || k == control) continue;
-    text.held.push_back(bench.controls()[k]);
-    text.held_at.push_back(task.question.controls[k]);
-  }
-  write_file((fs::path(folder) / "stiffness_map.csv").string(), stiffness_map_csv(map, text));
-  write_file((fs::path(folder) / "stiffness_map.json").string(), stiffness_map_json(map, text));
+  const StiffnessMapText text = write_stiffness_map(map, record, bench, task.question, folder);
   std::vector<double> found;
   for (const TunedControl& one : task.tuned.solutions) found.push_back(one.value);
   draw_stiffness_map(map, text, task.question.stiffness, found, folder);

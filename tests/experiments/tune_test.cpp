@@ -33,6 +33,17 @@ double stiffness_at(double retraction, double K, double k) {
   return K * (1 + 1 / (stretch * stretch)) / 2 + k * std::clamp((e + kTransition / 2) / kTransition, 0.0, 1.0);
 }
 
+/// What the cable shortens the bar by at that state: a negative elongation [m].
+double tip_at(double retraction, double K, double k) {
+  double tip = 0;
+  for (int i = 0; i < 50; ++i) {
+    const double e = retraction - kSlack + tip, z = std::max(0.0, e + kTransition / 2);
+    const double t = (z < kTransition ? k * z * z / (2 * kTransition) : k * e) / (K * kLength);
+    tip = (std::sqrt(1 + t * t) - t - 1) * kLength;
+  }
+  return tip;
+}
+
 class Tune : public testing::Test {
  protected:
   static void SetUpTestSuite() {
@@ -216,6 +227,31 @@ TEST_F(Tune, ABenchWithoutARetractionHasNothingToTune) {
   const Outcome outcome = run_in(*folder_ / "", {"tune", "beam", "--stiffness", "1 N/mm"});
   EXPECT_EQ(outcome.code, 2);
   expect_holds(outcome.err, {"nothing to tune"});
+}
+
+/// `taut export --to table`: the same map, with what the channel reads.
+TEST_F(Tune, ItsMapIsExportedWithTheDisplacementsOfTheClosedForm) {
+  done_in(*folder_ / "", {"export", "run", "--to", "table", "--quiet", "--out", "table"});
+  std::istringstream lines(text_of(*folder_ / "table/stiffness_map.csv"));
+  int checked = 0;
+  for (std::string line; std::getline(lines, line);) {
+    if (line.starts_with("#")) continue;
+    if (line.starts_with("retraction_m")) {
+      EXPECT_TRUE(line.ends_with(",touching,slipped,tip_m")) << line;
+      continue;
+    }
+    std::vector<double> cells;
+    std::istringstream row(line);
+    for (std::string cell; std::getline(row, cell, ',');) cells.push_back(std::stod(cell));
+    ASSERT_EQ(cells.size(), 8u);
+    if (cells[1] != 0) continue;
+    EXPECT_NEAR(cells[2], stiffness_at(cells[0], bar(), k_), 0.04) << line;
+    // The cable pulls at a point, which gives way a little more than the mean of its face.
+    const double tip = tip_at(cells[0], bar(), k_);
+    EXPECT_NEAR(cells[7], tip, 3e-3 * std::abs(tip) + 1e-12) << line;
+    ++checked;
+  }
+  EXPECT_GE(checked, 9);
 }
 
 }  // namespace
