@@ -11,28 +11,13 @@
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <memory>
-#include <sstream>
 
 #include "sim/core/error.hpp"
+#include "sim/core/input_file.hpp"
 
 namespace taut {
 namespace {
-
-/// Calls `use` with each piece of a file's content.
-template <class Use>
-void for_each_block(const std::string& path, Use&& use) {
-  std::error_code ignored;
-  if (std::filesystem::is_directory(path, ignored)) {
-    throw InputError(fmt::format("{}: is a folder, a file is needed; name a file in it", path));
-  }
-  std::ifstream file(path, std::ios::binary);
-  if (!file) throw InputError(fmt::format("{}: cannot be read ({}); check the path", path, std::strerror(errno)));
-  char block[1 << 16];
-  while (file.read(block, sizeof block) || file.gcount() > 0) use(block, static_cast<size_t>(file.gcount()));
-  if (file.bad()) throw InputError(fmt::format("{}: reading failed half-way; check the disk", path));
-}
 
 [[noreturn]] void cannot_write(const std::string& path, int error) {
   throw InputError(fmt::format("{}: cannot be written ({}); choose a folder that you may write to and that has room",
@@ -95,9 +80,7 @@ void append_line(const std::string& path, const std::string& header, const std::
 }
 
 std::string read_file(const std::string& path) {
-  std::string text;
-  for_each_block(path, [&](const char* block, size_t size) { text.append(block, size); });
-  return text;
+  return read_input_file(path);
 }
 
 std::string sha256_of(const std::string& path) {
@@ -105,7 +88,8 @@ std::string sha256_of(const std::string& path) {
   if (!context || EVP_DigestInit_ex(context.get(), EVP_sha256(), nullptr) != 1) {
     throw std::runtime_error("SHA-256 is not available from OpenSSL");
   }
-  for_each_block(path, [&](const char* block, size_t size) { EVP_DigestUpdate(context.get(), block, size); });
+  const std::string bytes = read_file(path);
+  EVP_DigestUpdate(context.get(), bytes.data(), bytes.size());
   unsigned char digest[EVP_MAX_MD_SIZE];
   unsigned length = 0;
   EVP_DigestFinal_ex(context.get(), digest, &length);

@@ -15,6 +15,7 @@
 #include <unordered_map>
 
 #include "sim/core/error.hpp"
+#include "sim/core/input_file.hpp"
 #include "sim/mesh/gmsh.hpp"
 #include "sim/mesh/topology.hpp"
 
@@ -242,7 +243,12 @@ class MshReader {
       lines_.fail(fmt::format("node {} occurs twice", number));
     }
     Eigen::Vector3d position;
-    for (int c = 0; c < 3; ++c) position[c] = unit_ * lines_.real(first_coordinate + c, "a coordinate");
+    for (int c = 0; c < 3; ++c) {
+      constexpr double farthest = 1e6;  // [m]
+      position[c] = unit_ * lines_.real(first_coordinate + c, "a coordinate");
+      if (std::abs(position[c]) > farthest)
+        lines_.fail(fmt::format("node {} has a coordinate of {:.4g} m; correct it, or the unit", number, position[c]));
+    }
     nodes_.push_back(position);
   }
 
@@ -506,6 +512,8 @@ class MshReader {
   std::vector<int> mesh_number_;  ///< of each file node; -1 for nodes of no element
 };
 
+constexpr double most_of_mesh = 20e9;  // [bytes]; read line by line
+
 /// Whether it is no ASCII mesh of the formats 4.1 and 2.2; what calls itself .msh and is no mesh at all is one with
 /// errors.
 bool is_for_gmsh(const std::string& path) {
@@ -523,12 +531,11 @@ Mesh read_msh(const std::string& path, double unit, int dimension) {
   if (!(unit > 0.0) || !std::isfinite(unit)) {
     throw InputError(fmt::format("{}: unit {} m must be positive; 0.001 for a mesh in millimetres", path, unit));
   }
-  auto file = std::make_unique<std::ifstream>(path);
-  if (!*file) throw InputError(fmt::format("{}: cannot be opened; check the path", path));
+  check_input_file(path, most_of_mesh);
   if (is_for_gmsh(path)) {
     return MshReader(path, std::make_unique<std::istringstream>(msh_text(path, dimension)), true, unit).read();
   }
-  return MshReader(path, std::move(file), false, unit).read();
+  return MshReader(path, std::make_unique<std::ifstream>(path), false, unit).read();
 }
 
 }  // namespace taut

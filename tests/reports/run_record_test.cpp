@@ -289,6 +289,7 @@ TEST_F(RunRecordTest, OpenIntervalsInfiniteBoundsAndNaNAreNull) {
   record.fit.correlation(0, 1) = kNaN;
   record.readings[0].predicted = kNaN;
   record.fit.status = FitStatus::interrupted;
+  record.fit.covariance.resize(0, 0);
   const std::string text = to_json(record);
   const auto json = nlohmann::json::parse(text);
   EXPECT_TRUE(json["parameters"][0]["interval95"][0].is_null());
