@@ -133,6 +133,9 @@ int predict_main(const CommandOptions& options) {
   for (const ParameterEstimate& e : record.fit.parameters) {
     FreeParameter& parameter = free.emplace_back();
     parameter.index = protocol.parameters().index(e.spec.id);
+    if (!std::isfinite(e.value))
+      throw InputError(
+          fmt::format("{}: '{}' has no value in its fit.json; run the fit again", options.target, e.spec.id));
     p[parameter.index] = e.value;
   }
   Progress progress(options.quiet);

@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
+#include <limits>
 #include <memory>
 #include <set>
 #include <sstream>
@@ -88,6 +89,13 @@ class Lines {
     const Number value = integer(i, what);
     if (value < 0) fail(fmt::format("{} is {}; expected zero or more", what, value));
     return value;
+  }
+
+  /// A physical group: its sign says which way round its entities are.
+  Number group(size_t i) const {
+    const Number value = integer(i, "a physical group");
+    if (value == std::numeric_limits<Number>::min()) fail(fmt::format("{} is no number of a physical group", value));
+    return std::abs(value);
   }
 
   double real(size_t i, std::string_view what) const {
@@ -232,7 +240,7 @@ class MshReader {
         const Number count = lines_.count(before, "the number of physical groups");
         for (Number g = 0; g < count; ++g) {
           // A negative number asks Gmsh to save the elements reversed; they are oriented here anyway.
-          groups.push_back(std::abs(lines_.integer(before + 1 + g, "a physical group")));
+          groups.push_back(lines_.group(before + 1 + g));
         }
       }
     }
@@ -298,7 +306,7 @@ class MshReader {
       const ElementType type = element_type(lines_.integer(1, "an element type"), lines_);
       const Number tags = lines_.count(2, "the number of an element's tags");
       std::vector<Number> groups;
-      const Number group = tags > 0 ? std::abs(lines_.integer(3, "a physical group")) : 0;
+      const Number group = tags > 0 ? lines_.group(3) : 0;
       if (group != 0) groups.push_back(group);
       if (tags > static_cast<Number>(lines_.size()))
         lines_.fail(fmt::format("{} tags are announced, fewer follow", tags));
