@@ -133,11 +133,11 @@ void run_gnuplot(const std::string& folder, const std::string& name, double pati
   const std::string script = (std::filesystem::path(folder) / (name + ".gp")).string();
   const bool impatient = was_too_slow;
   ProgramEnd end;
-  for (int attempt = 0; attempt < (impatient ? 1 : 2); ++attempt) {
+  for (int attempt = 0; attempt < 2; ++attempt) {
     end = draw_once(folder, name + ".gp", impatient ? std::min(patience, short_patience) : patience);
     was_too_slow = end.kind == ProgramEnd::too_slow;
     if (end.kind == ProgramEnd::ended && end.right && all_drawn(folder, name)) return;
-    if (end.kind == ProgramEnd::missing) break;
+    if (end.kind == ProgramEnd::missing || (impatient && was_too_slow)) break;
   }
   if (end.kind == ProgramEnd::ended && disk_is_full(folder))
     throw InputError(fmt::format("{}: gnuplot cannot write ({}); make room and run 'taut report' on the run folder",

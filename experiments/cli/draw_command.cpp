@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <boost/program_options.hpp>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 

@@ -154,6 +154,13 @@ int run(const std::vector<std::string>& arguments) {
                                join(names)));
 }
 
+/// Without the middle of what is too long to be read: messages quote what files hold, whatever that is.
+std::string readable(const std::string& message) {
+  constexpr size_t most = 1500, end = 300;
+  if (message.size() <= most) return message;
+  return message.substr(0, most - end) + " ... " + message.substr(message.size() - end);
+}
+
 int out_of_memory() {
   std::cerr << "taut: out of memory; use a coarser mesh or fewer threads\n";
   return exit_internal;
@@ -192,7 +199,7 @@ int guarded(const std::vector<std::string>& arguments) {
   try {
     return run(arguments);
   } catch (const InputError& error) {
-    std::cerr << "taut: " << error.what() << "\n";
+    std::cerr << "taut: " << readable(error.what()) << "\n";
     return exit_input;
   } catch (const po::error& error) {
     std::cerr << "taut: " << error.what() << "; `taut --help` tells what is allowed\n";

@@ -301,6 +301,9 @@ void check_resolution(const PushPuppet& m, const PushPuppetMesh& mesh, double in
                     "up to less than via_inset",
                     in_mm(inset), in_mm(m.via_inset)));
   }
+  // At least so many in the lips, before any of them is placed.
+  const double along = std::max(2.0, PushPuppetLayout(m).lip_length / mesh.size);
+  require_mesh(4.0 * m.cells * mesh.lip_cells * along, 2, mesh.order);
   if (m.stud_length <= 0.0) return;
   const double groove = m.stud_thickness + 2.0 * (m.stud_play + inset);
   if (2.0 * inset >= m.stud_thickness || groove >= m.lip_thickness) {
