@@ -13,7 +13,7 @@ struct NamedRun {
 };
 
 /// A panel for each channel, with the fitted curves of all runs over each other, their bands and readings; runs by
-/// colour. Runs whose curves run over the same load. Throws InputError as run_gnuplot() does.
+/// colour. Runs whose curves run over the same load. See undrawn_figures().
 Figure draw_compared_curves(const std::vector<NamedRun>& runs, const std::string& folder);
 
 /// A panel for each parameter: its value in each run with its 95 % interval in all (else of the noise), in the order of

@@ -5,8 +5,20 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <mutex>
+#include <utility>
+
+#include "calib/data/files.hpp"
+#include "sim/core/error.hpp"
 
 namespace taut::plot {
+
+namespace {
+
+std::mutex undrawn_mutex;
+std::string undrawn;  ///< why the first one could not be drawn
+
+}  // namespace
 
 std::string field(const std::string& text) {
   if (text.find_first_of(",\"\n\r") == std::string::npos) return text;
@@ -130,8 +142,13 @@ void draw(Drawing& drawing, const std::string& folder) {
   const std::string& name = drawing.figure.name;
   write_file((figures / (name + ".csv")).string(), drawing.csv);
   write_file((figures / (name + ".gp")).string(), drawing.page.script(name));
-  run_gnuplot(figures.string(), name);
-  drawing.figure.svg = read_file((figures / (name + ".svg")).string());
+  try {
+    run_gnuplot(figures.string(), name);
+    drawing.figure.svg = read_file((figures / (name + ".svg")).string());
+  } catch (const InputError& error) {
+    const std::lock_guard lock(undrawn_mutex);
+    if (undrawn.empty()) undrawn = error.what();
+  }
 }
 
 Figure finished(Drawing drawing, const std::string& folder) {
@@ -140,3 +157,12 @@ Figure finished(Drawing drawing, const std::string& folder) {
 }
 
 }  // namespace taut::plot
+
+namespace taut {
+
+std::string undrawn_figures() {
+  const std::lock_guard lock(plot::undrawn_mutex);
+  return std::exchange(plot::undrawn, "");
+}
+
+}  // namespace taut

@@ -1,7 +1,6 @@
 #include "reports/gnuplot.hpp"
 
 #include <fmt/format.h>
-#include <sys/wait.h>
 
 #include <algorithm>
 #include <array>
@@ -84,12 +83,6 @@ std::vector<Stroke> strokes_of(LegendEntry::Kind kind, double width) {
 
 bool has_mark(const LegendEntry& entry) {
   return entry.kind != LegendEntry::heading && entry.kind != LegendEntry::text;
-}
-
-std::string shell_quoted(const std::string& text) {
-  std::string out = "'";
-  for (const char c : text) out += c == '\'' ? std::string("'\\''") : std::string(1, c);
-  return out + "'";
 }
 
 }  // namespace
@@ -342,43 +335,6 @@ std::string Page::script(const std::string& name) const {
       "set xlabel offset 0,0.2\nset ylabel offset -0.6,0\nset multiplot\n";
   text += marks_ + panels_;
   return text + "unset multiplot\nset output\n}\n";
-}
-
-void run_gnuplot(const std::string& folder, const std::string& name) {
-  const std::string script = (std::filesystem::path(folder) / (name + ".gp")).string();
-  const std::string command =
-      fmt::format("CDPATH= cd -- {} && gnuplot -d {} 2>&1", shell_quoted(folder), shell_quoted(name + ".gp"));
-  FILE* pipe = popen(command.c_str(), "r");
-  if (pipe == nullptr) throw InputError(fmt::format("{}: gnuplot could not be started; free some memory", script));
-  std::string output;
-  std::array<char, 4096> block{};
-  while (const size_t n = fread(block.data(), 1, block.size(), pipe)) output.append(block.data(), n);
-  const int status = pclose(pipe);
-  if (WIFEXITED(status) && WEXITSTATUS(status) == 127) {
-    throw InputError(
-        "gnuplot was not found, and it draws the figures; install it (Debian and Ubuntu: apt-get install gnuplot-nox) "
-        "and run 'taut report' on the run folder, the fit itself is safe");
-  }
-  bool complete = WIFEXITED(status) && WEXITSTATUS(status) == 0;
-  for (const char* format : {".svg", ".pdf", ".png"}) {
-    std::error_code error;
-    const auto size = std::filesystem::file_size(std::filesystem::path(folder) / (name + format), error);
-    complete = complete && !error && size > 0;
-  }
-  if (complete) return;
-  // gnuplot's own sentence is the line that names the script.
-  std::string reason = "no message";
-  const size_t at = output.find(".gp\" line");
-  if (at != std::string::npos) {
-    const size_t begin = output.rfind('\n', at) == std::string::npos ? 0 : output.rfind('\n', at) + 1;
-    reason = output.substr(begin, output.find('\n', at) - begin);
-  } else if (!output.empty()) {
-    reason = output.substr(0, output.find('\n'));
-  }
-  throw InputError(
-      fmt::format("{}: gnuplot failed ({}); it needs its svg, pdfcairo and pngcairo terminals (Debian and Ubuntu: "
-                  "apt-get install gnuplot-nox), then run 'taut report' on the run folder",
-                  script, shortened(reason, 160)));
 }
 
 }  // namespace taut::plot

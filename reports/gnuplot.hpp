@@ -123,7 +123,11 @@ class Page {
   int block_count_ = 0;
 };
 
-/// Runs NAME.gp in `folder`. Throws InputError with the remedy when gnuplot is missing or fails.
-void run_gnuplot(const std::string& folder, const std::string& name);
+/// How long gnuplot may take for a figure [s]: TAUT_GNUPLOT_TIMEOUT, or two minutes.
+double gnuplot_patience();
+
+/// Runs NAME.gp in `folder`, once more where that fails or takes longer than `patience` [s]; it ends with this process.
+/// Throws InputError with the remedy when gnuplot is missing or fails twice.
+void run_gnuplot(const std::string& folder, const std::string& name, double patience = gnuplot_patience());
 
 }  // namespace taut::plot

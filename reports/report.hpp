@@ -14,12 +14,16 @@ struct Figure {
   std::string svg = {};  ///< the SVG text, for inlining
 };
 
+/// Why figures could not be drawn since this was last asked, with the remedy; "": all were. Their numbers and scripts
+/// are in the folder all the same, and pages leave them out.
+std::string undrawn_figures();
+
 /// The page of a run without its figures.
 std::string report_html(const RunRecord& record);
 
 /// Draws all figures of a run into `folder`/figures, writes report.html (one self-contained file, figures inline,
-/// nothing loaded from anywhere) and returns the figures. Needs gnuplot, no display. A missing or failing gnuplot
-/// throws InputError with the remedy. Simulated data say so in every title.
+/// nothing loaded from anywhere) and returns the figures. Needs gnuplot, no display. A missing or failing gnuplot costs
+/// the figures only, see undrawn_figures(). Simulated data say so in every title.
 std::vector<Figure> write_report(const RunRecord& record, const std::string& folder);
 
 /// predictions.csv: one line per reading, SI units in the header, or in a last column where channels differ.

@@ -4,13 +4,16 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <filesystem>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <stdexcept>
+#include <utility>
 
 #include "reports/figures.hpp"
+#include "reports/record_checks.hpp"
 #include "reports/run_record_members.hpp"
 #include "sim/core/error.hpp"
 
@@ -63,8 +66,8 @@ class JsonArchive {
                                  file_, key_, found, what));
   }
 
-  void walk(int& value) const { walk_if(json_.is_number_integer(), value, "a whole number"); }
-  void walk(unsigned& value) const { walk_if(json_.is_number_integer(), value, "a whole number"); }
+  void walk(int& value) const { walk_if(json_is_in<int>(), value, "a whole number"); }
+  void walk(unsigned& value) const { walk_if(json_is_in<unsigned>(), value, "a whole number"); }
   void walk(bool& value) const { walk_if(json_.is_boolean(), value, "true or false"); }
   void walk(std::string& value) const { walk_if(json_.is_string(), value, "text"); }
 
@@ -153,6 +156,14 @@ class JsonArchive {
   }
 
  private:
+  /// Whether it is a whole number that the type has.
+  template <class T>
+  bool json_is_in() const {
+    if (!json_.is_number_integer()) return false;
+    if (json_.is_number_unsigned()) return json_.get<std::uint64_t>() <= std::numeric_limits<T>::max();
+    return std::in_range<T>(json_.get<std::int64_t>());
+  }
+
   template <class T>
   void walk_if(bool right, T& value, const char* needed) const {
     need(right, needed);
@@ -262,12 +273,21 @@ void complete(const JsonArchive& root, RunRecord& record) {
 
 Json parsed(const std::string& file) {
   const std::string text = read_file(file);
+  constexpr int deepest = 50;  // ours have about eight levels; what walks them does so by recursion
   try {
-    return Json::parse(text);
+    return Json::parse(text, [&](int depth, Json::parse_event_t, Json&) {
+      if (depth > deepest)
+        throw InputError(fmt::format("{}: is nested {} deep, and no fit.json is; restore the file or run the fit again",
+                                     file, depth));
+      return true;
+    });
   } catch (const Json::parse_error& error) {
     const size_t end = std::min(error.byte, text.size());
     const auto line = 1 + std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(end), '\n');
     throw InputError(fmt::format("{}: is not JSON (line {}); restore the file or run the fit again", file, line));
+  } catch (const Json::exception&) {  // a number beyond all numbers
+    throw InputError(
+        fmt::format("{}: holds a number that is larger than any; restore the file or run the fit again", file));
   }
 }
 
@@ -312,6 +332,7 @@ RunRecord read_run(const std::string& folder) {
   RunRecord record;
   root.walk(record);
   complete(root, record);
+  check_record(record, file);
   return record;
 }
 

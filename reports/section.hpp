@@ -50,7 +50,8 @@ std::vector<Section> sections_of(const Record& record, std::span<const MakeSecti
   return sections;
 }
 
-/// Draws all figures into `folder`/figures and returns them. Throws InputError when gnuplot is missing or fails.
+/// Draws all figures into `folder`/figures and returns them. What gnuplot cannot draw is left out, see
+/// undrawn_figures().
 std::vector<Figure> draw(std::vector<Section>& sections, const std::string& folder);
 
 /// The sections one after the other; figures that are not drawn yet are left out, those of more than `largest_inline`

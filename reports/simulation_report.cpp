@@ -174,6 +174,7 @@ std::vector<std::string> write_simulation(const SimulationRecord& record, const 
   std::vector<Section> sections = sections_of<SimulationRecord>(record, kPage, "Simulation: ");
   for (const Figure& figure : draw(sections, folder)) {
     for (const char* format : {"svg", "pdf", "png", "csv", "gp"}) {
+      if (!std::filesystem::exists(std::filesystem::path(folder) / "figures" / (figure.name + "." + format))) continue;
       files.push_back(fmt::format("figures/{}.{}", figure.name, format));
     }
   }

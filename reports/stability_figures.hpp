@@ -14,7 +14,7 @@ std::string sentence_of(const StabilityMap& map, const std::vector<std::optional
 
 /// Draws a map into `folder`/figures as stability_<id>: a panel of coloured cells for each method, with the number of
 /// iterations and, where the map has one, the error in per cent. `runs` by StabilityMap::cell(), empty ones were not
-/// run; `subject` names the experiment. Simulated data are said so. Needs gnuplot, see run_gnuplot().
+/// run; `subject` names the experiment. Simulated data are said so. Needs gnuplot, see undrawn_figures().
 Figure draw_stability(const StabilityMap& map, const std::vector<std::optional<StabilityRun>>& runs,
                       const std::string& subject, bool simulated, const std::string& folder);
 

@@ -31,7 +31,7 @@ std::string stiffness_map_csv(const StiffnessMap& map, const StiffnessMapText& t
 std::string stiffness_map_json(const StiffnessMap& map, const StiffnessMapText& text);
 
 /// Stiffness over the control, a curve with its band for each load, what touches filled; below it the map of both.
-/// `wanted` [N/m] and the values that were found for it are marked. Throws InputError as run_gnuplot() does.
+/// `wanted` [N/m] and the values that were found for it are marked. See undrawn_figures().
 Figure draw_stiffness_map(const StiffnessMap& map, const StiffnessMapText& text, double wanted,
                           const std::vector<double>& found, const std::string& folder);
 

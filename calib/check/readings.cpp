@@ -5,6 +5,7 @@
 #include <set>
 
 #include "calib/check/look.hpp"
+#include "sim/core/error.hpp"
 #include "sim/core/units.hpp"
 #include "sim/mesh/mesh.hpp"
 #include "sim/scene/channel_kinds.hpp"
@@ -276,6 +277,12 @@ Sentences beyond_the_specimen(const Look& look) {
   Sentences found;
   if (!look.at_rest() || look.size == 0) return found;
   for (const BenchReading* reading : largest_readings(look, "m")) {
+    if (std::abs(reading->value) > 1000 * look.size)
+      throw InputError(fmt::format(
+          "{}: [bench] line {}: '{}' reads {} on a specimen of {}; no specimen moves a thousand times its own "
+          "size, so correct the reading or its unit",
+          look.experiment.path, reading->line, look.channel(reading->channel), with_unit(reading->value, "m"),
+          with_unit(look.size, "m")));
     if (std::abs(reading->value) > 3 * look.size)
       found.push_back(
           fmt::format("line {}: '{}' reads {} on a specimen of {}, {:.2g} times its size; is its unit right?",

@@ -8,12 +8,11 @@
 #include <algorithm>
 #include <cctype>
 #include <filesystem>
-#include <fstream>
-#include <iterator>
 #include <map>
 #include <optional>
 
 #include "calib/data/number_style.hpp"
+#include "sim/core/input_file.hpp"
 #include "sim/core/text_encoding.hpp"
 #include "sim/core/units.hpp"
 
@@ -36,11 +35,7 @@ std::string read_text(const std::string& path) {
   }
   if (fs::is_directory(path, ignored))
     throw InputError(fmt::format("{}: this is a folder; name the CSV file in it", path));
-  std::ifstream file(path, std::ios::binary);
-  std::string text{std::istreambuf_iterator<char>(file), {}};
-  if (!file.good() && !file.eof())
-    throw InputError(fmt::format("{}: the file cannot be read; check its permissions", path));
-  return text;
+  return read_input_file(path);
 }
 
 /// The text with line ends that LineReader knows; what it would pass over in silence is noted.

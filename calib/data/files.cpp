@@ -11,28 +11,13 @@
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <memory>
-#include <sstream>
 
 #include "sim/core/error.hpp"
+#include "sim/core/input_file.hpp"
 
 namespace taut {
 namespace {
-
-/// Calls `use` with each piece of a file's content.
-template <class Use>
-void for_each_block(const std::string& path, Use&& use) {
-  std::error_code ignored;
-  if (std::filesystem::is_directory(path, ignored)) {
-    throw InputError(fmt::format("{}: is a folder, a file is needed; name a file in it", path));
-  }
-  std::ifstream file(path, std::ios::binary);
-  if (!file) throw InputError(fmt::format("{}: cannot be read ({}); check the path", path, std::strerror(errno)));
-  char block[1 << 16];
-  while (file.read(block, sizeof block) || file.gcount() > 0) use(block, static_cast<size_t>(file.gcount()));
-  if (file.bad()) throw InputError(fmt::format("{}: reading failed half-way; check the disk", path));
-}
 
 [[noreturn]] void cannot_write(const std::string& path, int error) {
   throw InputError(fmt::format("{}: cannot be written ({}); choose a folder that you may write to and that has room",
@@ -95,37 +80,25 @@ void append_line(const std::string& path, const std::string& header, const std::
 }
 
 std::string read_file(const std::string& path) {
-  std::string text;
-  for_each_block(path, [&](const char* block, size_t size) { text.append(block, size); });
-  return text;
+  return read_input_file(path);
 }
 
-namespace {
+std::string sha256_of(const std::string& path) {
+  return sha256_of_text(read_file(path));
+}
 
-/// `feed(add)` calls add(block, size) for one block after another.
-template <class Feed>
-std::string sha256_of_blocks(Feed&& feed) {
+std::string sha256_of_text(const std::string& text) {
   const std::unique_ptr<EVP_MD_CTX, decltype(&EVP_MD_CTX_free)> context(EVP_MD_CTX_new(), EVP_MD_CTX_free);
   if (!context || EVP_DigestInit_ex(context.get(), EVP_sha256(), nullptr) != 1) {
     throw std::runtime_error("SHA-256 is not available from OpenSSL");
   }
-  feed([&](const char* block, size_t size) { EVP_DigestUpdate(context.get(), block, size); });
+  EVP_DigestUpdate(context.get(), text.data(), text.size());
   unsigned char digest[EVP_MAX_MD_SIZE];
   unsigned length = 0;
   EVP_DigestFinal_ex(context.get(), digest, &length);
-  std::string text;
-  for (unsigned i = 0; i < length; ++i) text += fmt::format("{:02x}", digest[i]);
-  return text;
-}
-
-}  // namespace
-
-std::string sha256_of(const std::string& path) {
-  return sha256_of_blocks([&](const auto& add) { for_each_block(path, add); });
-}
-
-std::string sha256_of_text(const std::string& text) {
-  return sha256_of_blocks([&](const auto& add) { add(text.data(), text.size()); });
+  std::string hex;
+  for (unsigned i = 0; i < length; ++i) hex += fmt::format("{:02x}", digest[i]);
+  return hex;
 }
 
 }  // namespace taut

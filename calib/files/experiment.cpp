@@ -373,7 +373,7 @@ void read_solver(TableReader table, Experiment& experiment) {
   if (table.has("step_tolerance")) options.step_tolerance = table.quantity("step_tolerance", Quantity::pure);
   if (!(options.step_tolerance > 1e-14 && options.step_tolerance < 1e-2))
     table.fail("step_tolerance", "a number between 1e-14 and 1e-2 belongs here");
-  experiment.threads = table.integer("threads", 0, 0);
+  experiment.threads = table.integer("threads", 0, 0, 1024);
   table.finish();
 }
 

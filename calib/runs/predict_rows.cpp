@@ -48,6 +48,8 @@ RowsPrediction predict_rows(const RunRecord& record, const Bench& bench) {
   for (const ParameterEstimate& e : record.fit.parameters) {
     FreeParameter& parameter = free.emplace_back();
     parameter.index = protocol.parameters().index(e.spec.id);
+    if (!std::isfinite(e.value))
+      throw InputError(fmt::format("'{}' has no value in fit.json; run the fit again", e.spec.id));
     p[parameter.index] = e.value;
   }
   const Prediction prediction = protocol.predict(p, indices_of(free));

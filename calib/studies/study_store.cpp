@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <limits>
 #include <mutex>
+#include <optional>
 #include <stop_token>
 #include <string_view>
 
@@ -36,6 +37,20 @@ std::string line_of(const Cells& cells) {
   return line;
 }
 
+constexpr const char* check_column = "check";
+
+/// The line with its checksum behind it.
+std::string sealed(const std::string& line) {
+  return fmt::format("{},{:08x}", line, crc32_of(line));
+}
+
+/// What sealed() was given; nullopt: a part of it, or something else.
+std::optional<std::string> unsealed(const std::string& text) {
+  const size_t comma = text.rfind(',');
+  if (comma == std::string::npos || sealed(text.substr(0, comma)) != text) return std::nullopt;
+  return text.substr(0, comma);
+}
+
 Cells cells_of(const std::string& line) {
   Cells cells(1);
   bool quoted = false;
@@ -61,21 +76,38 @@ std::string fingerprint_of(const std::vector<std::string>& files) {
   return text;
 }
 
+std::uint32_t crc32_of(std::string_view text) {
+  std::uint32_t crc = 0xffffffff;
+  for (const char c : text) {
+    crc ^= static_cast<unsigned char>(c);
+    for (int bit = 0; bit < 8; ++bit) crc = (crc >> 1) ^ ((crc & 1) != 0 ? 0xedb88320 : 0);
+  }
+  return ~crc;
+}
+
 StudyStore::StudyStore(std::string path, Cells columns, size_t keys, std::string fingerprint)
     : path_(std::move(path)), columns_(std::move(columns)), keys_(keys), fingerprint_(std::move(fingerprint)) {
   if (!std::filesystem::exists(path_)) return;
-  const std::string text = read_file(path_), header = line_of(columns_) + "\n";
-  if (text.compare(0, header.size(), header, 0, text.size()) != 0) {
+  const std::string text = read_file(path_), old = line_of(columns_) + "\n", header = header_line() + "\n";
+  checked_ = !text.starts_with(old);  // a table that was begun before lines had checksums goes on without
+  const std::string& begins = checked_ ? header : old;
+  if (text.compare(0, begins.size(), begins, 0, text.size()) != 0) {
     throw InputError(fmt::format("{}: is not a table with the columns {}; move it away, or name another folder", path_,
                                  join(columns_)));
   }
-  size_t begin = header.size();
+  size_t begin = begins.size();
   for (size_t end; begin < text.size() && (end = text.find('\n', begin)) != std::string::npos; begin = end + 1)
     remember(text.substr(begin, end - begin));
 }
 
-void StudyStore::remember(const std::string& line) {
-  Cells cells = cells_of(line);
+std::string StudyStore::header_line() const {
+  return line_of(columns_) + (checked_ ? fmt::format(",{}", check_column) : "");
+}
+
+void StudyStore::remember(const std::string& text) {
+  const std::optional<std::string> line = checked_ ? unsealed(text) : text;
+  if (!line) return;
+  Cells cells = cells_of(*line);
   const auto place = std::ranges::find(columns_, fingerprint_column) - columns_.begin();
   if (cells.size() != columns_.size() || cells[static_cast<size_t>(place)] != fingerprint_) return;
   cells.erase(cells.begin() + place);
@@ -92,7 +124,7 @@ void StudyStore::add(const Cells& key, const Cells& result) {
   Cells cells = key;
   cells.insert(cells.end(), result.begin(), result.end());
   cells.insert(cells.begin() + (std::ranges::find(columns_, fingerprint_column) - columns_.begin()), fingerprint_);
-  append_line(path_, line_of(columns_), line_of(cells));
+  append_line(path_, header_line(), checked_ ? sealed(line_of(cells)) : line_of(cells));
   results_[key] = result;
 }
 

@@ -1,9 +1,11 @@
 #pragma once
 #include <atomic>
+#include <cstdint>
 #include <functional>
 #include <map>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <thread>
 #include <vector>
 
@@ -14,9 +16,14 @@ using Cells = std::vector<std::string>;  ///< a line of a table
 /// Stands for the contents of the files that a result is made from. Throws InputError for one that cannot be read.
 std::string fingerprint_of(const std::vector<std::string>& files);
 
+/// CRC-32 (IEEE 802.3) of a text.
+std::uint32_t crc32_of(std::string_view text);
+
 /// Finished results in a CSV file, one line each, on the disk as soon as add() is back: an interruption at any moment
-/// loses no line that was finished, and a last line without its end is passed over. Lines with another fingerprint, and
-/// what is no line of this table, are left alone and not used.
+/// loses no line that was finished. The last column, "check", is the CRC-32 of what stands before it on the line: a
+/// line that is not whole, or was changed, is passed over. Tables that were begun before there were checksums go on
+/// without; in them only a last line without its end is passed over. Lines with another fingerprint, and what is no
+/// line of this table, are left alone and not used.
 class StudyStore {
  public:
   /// `columns` are the file's, "fingerprint" among them; the first `keys` of the others together name a result. Throws
@@ -28,11 +35,13 @@ class StudyStore {
   void add(const Cells& key, const Cells& result);
 
  private:
-  void remember(const std::string& line);
+  std::string header_line() const;
+  void remember(const std::string& text);
   std::string path_;
   Cells columns_;
   size_t keys_;
   std::string fingerprint_;
+  bool checked_ = true;  ///< whether its lines have checksums
   std::map<Cells, Cells> results_;
 };
 

@@ -21,6 +21,7 @@ enum ExitCode {
   exit_solve = 3,         ///< one or more simulations or parts of a run failed; what succeeded is written
   exit_fit = 4,           ///< the fit or search did not converge, or found nothing
   exit_differs = 5,       ///< what was compared differs
+  exit_figures = 6,       ///< all is done and written but figures that gnuplot could not draw
   exit_interrupted = 130  ///< Ctrl-C; what was finished is written
 };
 

@@ -9,7 +9,9 @@
 #include <csignal>
 #include <cstdio>
 #include <exception>
+#include <filesystem>
 #include <iostream>
+#include <new>
 #include <optional>
 #include <system_error>
 
@@ -17,6 +19,7 @@
 #include "experiments/cli/manual.hpp"
 #include "experiments/cli/topics.hpp"
 #include "experiments/cli/version.hpp"
+#include "reports/report.hpp"
 #include "sim/core/error.hpp"
 #include "sim/solve/cholesky.hpp"
 
@@ -39,8 +42,10 @@ void print_help(std::ostream& out) {
   out << "\ntopics of `taut help TOPIC`:\n";
   for (const Topic& topic : all_topics()) out << fmt::format("  {:<15} {}\n", topic.name, topic.about);
   out << "\n`taut COMMAND --help` tells a command's options. Data go to stdout, progress to stderr.\n"
-         "exit codes: 0 done, 1 internal fault, 2 wrong usage or input, 3 a simulation failed, 4 the fit did not "
-         "converge or a search found nothing, 5 what was compared differs, 130 interrupted\n";
+         "exit codes: 0 done, 1 internal fault or out of memory, 2 wrong usage or input, 3 a simulation failed, 4 the "
+         "fit did not "
+         "converge or a search found nothing, 5 what was compared differs, 6 figures could not be drawn (all else is "
+         "there), 130 interrupted\n";
 }
 
 /// What the words after the command's name ask for; prints the help and returns nullopt where that is asked for.
@@ -113,6 +118,14 @@ void help_on(const std::string& name) {
                                join(topics), join(commands)));
 }
 
+/// What is left to say when a command has done its work: figures that it could not draw.
+int with_figures(int code) {
+  const std::string why = undrawn_figures();
+  if (why.empty()) return code;
+  std::cerr << "taut: " << why << "\n";
+  return code == exit_ok ? exit_figures : code;
+}
+
 int run(const std::vector<std::string>& arguments) {
   if (arguments.empty() || arguments[0] == "--help" || arguments[0] == "-h" ||
       arguments == std::vector<std::string>{"help"}) {
@@ -134,10 +147,51 @@ int run(const std::vector<std::string>& arguments) {
     if (command.name != arguments[0]) continue;
     const auto options = parse(command, {arguments.begin() + 1, arguments.end()});
     if (!options) return exit_ok;
-    return command.run(*options);
+    if (reserve_blas_buffers(1) < 1) throw std::bad_alloc();
+    return with_figures(command.run(*options));
   }
   throw InputError(fmt::format("unknown command '{}'{}; commands: {}", arguments[0], did_you_mean(arguments[0], names),
                                join(names)));
+}
+
+/// Without the middle of what is too long to be read: messages quote what files hold, whatever that is.
+std::string readable(const std::string& message) {
+  constexpr size_t most = 1500, end = 300;
+  if (message.size() <= most) return message;
+  return message.substr(0, most - end) + " ... " + message.substr(message.size() - end);
+}
+
+int out_of_memory() {
+  std::cerr << "taut: out of memory; use a coarser mesh or fewer threads\n";
+  return exit_internal;
+}
+
+/// What nobody may throw, out of a thread or a destructor; memory that is gone can do that anywhere.
+[[noreturn]] void on_terminate() {
+  try {
+    if (const std::exception_ptr error = std::current_exception()) std::rethrow_exception(error);
+    std::fputs("taut: internal fault: ended without a reason\n", stderr);
+  } catch (const std::bad_alloc&) {
+    std::fputs("taut: out of memory; use a coarser mesh or fewer threads\n", stderr);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "taut: internal fault: %s\n", error.what());
+  } catch (...) {
+    std::fputs("taut: internal fault of an unknown kind\n", stderr);
+  }
+  std::_Exit(exit_internal);
+}
+
+/// Errors of the system: a stream that takes no more is said by end_output(), a thread that cannot be started is
+/// memory.
+int system_failure(const std::system_error& error) {
+  if (error.code() == std::errc::resource_unavailable_try_again || error.code() == std::errc::not_enough_memory)
+    return out_of_memory();
+  if (dynamic_cast<const std::filesystem::filesystem_error*>(&error) != nullptr) {
+    std::cerr << "taut: " << error.what() << "\n";
+    return exit_input;
+  }
+  if (std::ferror(stdout) == 0) std::cerr << "taut: the system refuses something: " << error.what() << "\n";
+  return exit_input;
 }
 
 /// Runs the command and turns what it throws into one sentence and an exit code.
@@ -145,16 +199,15 @@ int guarded(const std::vector<std::string>& arguments) {
   try {
     return run(arguments);
   } catch (const InputError& error) {
-    std::cerr << "taut: " << error.what() << "\n";
+    std::cerr << "taut: " << readable(error.what()) << "\n";
     return exit_input;
   } catch (const po::error& error) {
     std::cerr << "taut: " << error.what() << "; `taut --help` tells what is allowed\n";
     return exit_input;
   } catch (const std::bad_alloc&) {
-    std::cerr << "taut: out of memory; use a coarser mesh or fewer threads\n";
-    return exit_internal;
-  } catch (const std::system_error&) {  // fmt, of a stream that takes no more: said below
-    return exit_input;
+    return out_of_memory();
+  } catch (const std::system_error& error) {
+    return system_failure(error);
   } catch (const std::exception& error) {
     std::cerr << "taut: internal fault: " << error.what() << "\n";
     return exit_internal;
@@ -190,6 +243,7 @@ int main(int argc, char** argv) {
     if (std::signal(signal, taut::on_interrupt) == SIG_IGN) std::signal(signal, SIG_IGN);  // nohup asked for that
   }
   std::signal(SIGPIPE, SIG_IGN);  // a reader that ends early must not end a run
+  std::set_terminate(taut::on_terminate);
   taut::use_one_blas_thread();
   return taut::end_output(taut::guarded({argv + 1, argv + argc}));
 }

@@ -19,7 +19,9 @@ struct KeyReader {
 
   void operator()(int* count) const {
     const int least = static_cast<int>(key.allowed.least);
-    *count = table.integer(key.key, *count, least);
+    const bool either = key.allowed.most == least + 1;
+    *count = table.integer(key.key, *count, least,
+                           either ? 1'000'000'000 : static_cast<int>(std::min(1e9, key.allowed.most)));
     if (*count > key.allowed.most) table.fail(key.key, fmt::format("{} or {} belongs here", least, key.allowed.most));
   }
   void operator()(double* value) const {

@@ -263,7 +263,7 @@ void read_workspace(TableReader table, Simulation& simulation) {
     if ((channel.id == workspace.x || channel.id == workspace.y) && !channel.kind->is_place())
       table.fail("x", fmt::format("'{}' is not a position or displacement, which span a workspace", channel.id));
   }
-  workspace.samples = table.integer("samples", 200, 3);
+  workspace.samples = table.integer("samples", 200, 3, 1'000'000);
   for (TableReader& one : table.tables("mode")) {
     WorkspaceMode mode;
     mode.name = one.text("name");

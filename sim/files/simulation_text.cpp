@@ -6,11 +6,10 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
-#include <iterator>
 #include <stdexcept>
 
 #include "sim/core/error.hpp"
+#include "sim/core/input_file.hpp"
 #include "sim/core/text_encoding.hpp"
 
 namespace taut {
@@ -60,9 +59,7 @@ std::string quoted(const std::string& text) {
 }  // namespace
 
 std::string text_with_schedules(const Simulation& simulation) {
-  std::ifstream file(simulation.path, std::ios::binary);
-  if (!file) throw InputError(fmt::format("{}: cannot be read any more; it was there at the start", simulation.path));
-  std::string text = decoded({std::istreambuf_iterator<char>(file), {}}, simulation.path).text;
+  std::string text = decoded(read_input_file(simulation.path), simulation.path).text;
   const toml::table document = toml::parse(text, simulation.path);
   std::vector<Replacement> replacements;
   for (size_t k = 0; k < simulation.controls.size(); ++k) {

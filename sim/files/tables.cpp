@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <set>
 
@@ -36,6 +37,10 @@ std::vector<double> direction_of(TableReader& table, int dimension) {
   const std::vector<double> direction = table.numbers("direction", static_cast<size_t>(dimension));
   if (std::all_of(direction.begin(), direction.end(), [](double d) { return d == 0; }))
     table.fail("direction", "a direction must not be all zeros");
+  const double largest = std::abs(*std::ranges::max_element(direction, {}, [](double d) { return std::abs(d); }));
+  if (largest < 1e-6 || largest > 1e6)
+    table.fail("direction",
+               fmt::format("{:g} is no component of a direction; write numbers of ordinary size, such as 1", largest));
   return direction;
 }
 
@@ -306,7 +311,7 @@ EyeletLine read_eyelets(TableReader& table, const GeometrySettings& geometry, Ey
     std::tie(line.offset, line.end_offset) = std::pair(offsets[0], offsets[1]);
   }
   line.angle = table.optional_quantity("angle", Quantity::angle).value_or(line.angle);
-  line.pieces = table.integer("pieces", line.pieces, 1);
+  line.pieces = table.integer("pieces", line.pieces, 1, 10000);
   return line;
 }
 

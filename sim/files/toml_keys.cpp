@@ -3,12 +3,11 @@
 #include <fmt/format.h>
 #include <toml++/toml.h>
 
-#include <fstream>
-#include <iterator>
 #include <optional>
 #include <sstream>
 
 #include "sim/core/error.hpp"
+#include "sim/core/input_file.hpp"
 #include "sim/core/text_encoding.hpp"
 #include "sim/core/units.hpp"
 
@@ -92,9 +91,7 @@ void collect(const toml::node& node, const std::string& place, std::map<std::str
 }  // namespace
 
 std::map<std::string, TomlValue> toml_values(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  if (!file) throw InputError(path + ": cannot be read; check the path");
-  const std::string bytes{std::istreambuf_iterator<char>(file), {}};
+  const std::string bytes = read_input_file(path);
   std::map<std::string, TomlValue> values;
   try {
     collect(toml::parse(decoded(bytes, path).text), "", values);

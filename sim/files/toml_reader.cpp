@@ -5,12 +5,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
-#include <fstream>
-#include <iterator>
 #include <limits>
 
 #include "sim/core/error.hpp"
+#include "sim/core/input_file.hpp"
 #include "sim/core/text_encoding.hpp"
 #include "sim/files/key_table.hpp"
 
@@ -69,6 +67,7 @@ struct TableReader::Nodes {
       const std::string where = reader.where(key);
       const auto [number, tolerance] = split_tolerance(*text);
       const double value = parse_quantity(number, quantity, where);
+      check_magnitude(value, quantity, where);
       if (!tolerance.empty()) {
         const std::string place =
             fmt::format("{}.{}{}", reader.place_, key, entry == 0 ? "" : fmt::format(".{}", entry));
@@ -85,6 +84,15 @@ struct TableReader::Nodes {
     if (quantity == Quantity::pure) reader.fail(key, "a number belongs here");
     reader.fail(key, fmt::format("a {} in quotes with its unit belongs here, for example \"1 {}\"; units: {}",
                                  name_of(quantity), units_of(quantity).front(), join(units_of(quantity))));
+  }
+
+  /// Far beyond what anybody builds or measures numbers overflow, or vanish beside others.
+  static void check_magnitude(double value, Quantity quantity, const std::string& where) {
+    const auto [least, most] = quantity == Quantity::length ? std::pair(1e-12, 1e6) : std::pair(1e-30, 1e30);
+    if (value == 0 || (std::abs(value) >= least && std::abs(value) <= most)) return;
+    throw InputError(fmt::format("{}: {:.4g} {} is too {} for a {}; from {:g} to {:g} {}, or 0, are allowed", where,
+                                 value, units_of(quantity).front(), std::abs(value) < least ? "small" : "large",
+                                 name_of(quantity), least, most, units_of(quantity).front()));
   }
 
   /// What stands before and behind "+-" or its sign; "" where there is none.
@@ -109,22 +117,19 @@ struct TableReader::Nodes {
   }
 };
 
+namespace {
+
+constexpr double most_of_toml = 64e6;  // [bytes]
+
+}  // namespace
+
 TomlFile::TomlFile(const std::string& path) : path_(path) {
   try {
-    std::ifstream file(path, std::ios::binary);
-    if (!file || std::filesystem::is_directory(path)) {
-      document_ = std::make_shared<const toml::table>(toml::parse_file(path));  // says why it cannot be read
-      return;
-    }
-    const DecodedText text = decoded({std::istreambuf_iterator<char>(file), {}}, path);
+    const DecodedText text = decoded(read_input_file(path, most_of_toml), path);
     remark_ = text.remark();
     document_ = std::make_shared<const toml::table>(toml::parse(text.text, path));
   } catch (const toml::parse_error& error) {
-    const auto line = error.source().begin.line;
-    if (line == 0 || !std::filesystem::exists(path))
-      throw InputError(
-          fmt::format("{}: cannot be read as an experiment file: {}; check the path", path, error.description()));
-    throw InputError(fmt::format("{}:{}: not valid TOML: {}", path, line, error.description()));
+    throw InputError(fmt::format("{}:{}: not valid TOML: {}", path, error.source().begin.line, error.description()));
   }
 }
 
@@ -198,12 +203,12 @@ double TableReader::number(std::string_view key) {
   return *value;
 }
 
-int TableReader::integer(std::string_view key, int fallback, int smallest) {
+int TableReader::integer(std::string_view key, int fallback, int smallest, int largest) {
   Nodes::note(*this, key, {KeyForm::integer, Quantity::pure, false, 0, smallest});
   if (!has(key)) return fallback;
   const auto value = Nodes::get(*this, key).value_exact<int64_t>();
-  if (!value || *value < smallest || *value > 1'000'000'000)
-    fail(key, fmt::format("a whole number of at least {} belongs here", smallest));
+  if (value && *value > largest) fail(key, fmt::format("a whole number from {} to {} belongs here", smallest, largest));
+  if (!value || *value < smallest) fail(key, fmt::format("a whole number of at least {} belongs here", smallest));
   return static_cast<int>(*value);
 }
 

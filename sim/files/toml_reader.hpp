@@ -65,9 +65,9 @@ class TableReader {
     while (names[k] != chosen) ++k;
     return allowed[k].second;
   }
-  double number(std::string_view key);                            ///< required
-  int integer(std::string_view key, int fallback, int smallest);  ///< at least `smallest`
-  bool boolean(std::string_view key, bool fallback);              ///< true or false
+  double number(std::string_view key);                                                         ///< required
+  int integer(std::string_view key, int fallback, int smallest, int largest = 1'000'000'000);  ///< at least `smallest`
+  bool boolean(std::string_view key, bool fallback);                                           ///< true or false
   /// "30 mm" as 0.030; a plain number only where the quantity is pure. A tolerance behind it goes to the file's.
   double quantity(std::string_view key, Quantity quantity);
   /// A number or a text with a unit, as it stands: for values whose quantity is only known later.

@@ -8,6 +8,7 @@
 #include <numeric>
 
 #include "sim/core/error.hpp"
+#include "sim/mesh/mesh_budget.hpp"
 #include "sim/mesh/topology.hpp"
 
 namespace taut {
@@ -139,6 +140,7 @@ void sweep_tag(const Mesh& plane, const std::string& name, const Tag& tag, const
 
 Mesh extrude(const Mesh& plane, double depth, int layers) {
   check_extrusion(plane, depth, layers);
+  require_mesh(3.0 * plane.element_count() * layers, 3, order_of(plane.shape));
   const Columns columns(plane, layers);
   Mesh mesh;
   mesh.shape = ElementShape::tet4;

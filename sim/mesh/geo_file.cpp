@@ -6,11 +6,10 @@
 #include <array>
 #include <cctype>
 #include <filesystem>
-#include <fstream>
-#include <sstream>
 #include <string_view>
 
 #include "sim/core/error.hpp"
+#include "sim/core/input_file.hpp"
 
 namespace taut {
 namespace {
@@ -24,11 +23,7 @@ bool of_word(char c) {
 /// The statements of a .geo: comments and strings are none.
 class GeoText {
  public:
-  explicit GeoText(const std::string& path) : path_(path) {
-    std::ostringstream text;
-    text << std::ifstream(path).rdbuf();
-    text_ = text.str();
-  }
+  explicit GeoText(const std::string& path) : path_(path) { text_ = read_input_file(path); }
 
   /// The names of the files that it takes in, as they stand there.
   std::vector<std::string> names() {
@@ -94,6 +89,7 @@ void add_merged(const fs::path& folder, const fs::path& file, std::vector<std::s
   for (const std::string& name : GeoText((folder / file).string()).names()) {
     const fs::path taken = (file.parent_path() / name).lexically_normal();
     if (!fs::exists(folder / taken) || std::ranges::find(found, taken.string()) != found.end()) continue;
+    check_input_file((folder / taken).string());
     found.push_back(taken.string());
     add_merged(folder, taken, found);
   }

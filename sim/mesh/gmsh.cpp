@@ -6,12 +6,15 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <gmsh.h>
+#include <sys/prctl.h>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
 #include <cmath>
+#include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -21,6 +24,7 @@
 #include <sstream>
 #include <unordered_map>
 
+#include "sim/mesh/mesh_budget.hpp"
 #include "sim/mesh/outline.hpp"
 #include "sim/mesh/topology.hpp"
 
@@ -133,12 +137,13 @@ void name_entities(int dimension, const std::string& kind) {
   }
 }
 
-void check_size(double size, int order, double cells) {
+void check_size(double size, int dimension, int order, double cells) {
   if (!(size > 0.0) || !std::isfinite(size)) {
     throw InputError(fmt::format("mesh size {} m must be positive", size));
   }
   if (order != 1 && order != 2) throw InputError(fmt::format("element order {}; 1 and 2 are allowed", order));
-  constexpr double most_cells = 1e7;
+  require_mesh(0.7 * cells, dimension, order);  // it may come out coarser where its outline is
+  constexpr double most_cells = 1e7;            // Gmsh takes minutes for these
   if (cells > most_cells) {
     throw InputError(
         fmt::format("mesh size {:.4g} mm would make about {:.1g} elements; choose a larger one", 1e3 * size, cells));
@@ -329,7 +334,7 @@ bool has_gmsh() {
 
 Mesh mesh_polygons(const std::vector<PolygonRegion>& polygons, double size, int order) {
   const Outline outline = outline_of(polygons);
-  check_size(size, order, outline.area / (0.43 * size * size));
+  check_size(size, 2, order, outline.area / (0.43 * size * size));
   const Scaling scaling{{outline.lower[0], outline.lower[1]}, outline.diagonal};
   return with_gmsh([&] {
     namespace geo = gmsh::model::geo;
@@ -405,7 +410,7 @@ Mesh mesh_boxes(const std::vector<BoxRegion>& boxes, double size, int order) {
   for (const BoxRegion& box : joined) {
     volume += (box.upper[0] - box.lower[0]) * (box.upper[1] - box.lower[1]) * (box.upper[2] - box.lower[2]);
   }
-  check_size(size, order, volume / (0.12 * size * size * size));
+  check_size(size, 3, order, volume / (0.12 * size * size * size));
   const Scaling scaling{{planes_of_axis[0].front(), planes_of_axis[1].front(), planes_of_axis[2].front()}, diagonal};
 
   return with_gmsh([&] {
@@ -437,9 +442,15 @@ std::string msh_text(const std::string& path, int dimension) {
   // In a process of its own: Gmsh's parsers may break down over what is no geometry, and print.
   const TemporaryMsh file;
   constexpr int refused = 2;
+  constexpr rlim_t most_of_gmsh = 600;  // [s] of its processor
   std::unique_lock lock(gmsh_mutex());  // nobody is in the middle of a session that the child would inherit
-  const pid_t child = fork();
+  const pid_t parent = getpid(), child = fork();
   if (child == 0) {
+    prctl(PR_SET_PDEATHSIG, SIGKILL);  // it ends with us, however that is
+    if (getppid() != parent) _exit(1);
+    const rlimit cpu{most_of_gmsh, most_of_gmsh + 10};  // a loop without end
+    setrlimit(RLIMIT_CPU, &cpu);
+    for (int signal : {SIGINT, SIGTERM, SIGHUP}) std::signal(signal, SIG_DFL);
     const int nowhere = open("/dev/null", O_WRONLY);
     dup2(nowhere, STDOUT_FILENO);
     dup2(nowhere, STDERR_FILENO);
@@ -460,6 +471,11 @@ std::string msh_text(const std::string& path, int dimension) {
   std::string text = file.text();
   if (WIFEXITED(status) && WEXITSTATUS(status) == 0) return text;
   if (WIFEXITED(status) && WEXITSTATUS(status) == refused) throw InputError(text);
+  if (WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU)
+    throw InputError(
+        fmt::format("{}: Gmsh does not come to an end with it within {} minutes; save it as .msh from Gmsh "
+                    "itself",
+                    path, most_of_gmsh / 60));
   throw InputError(fmt::format("{}: Gmsh breaks down over it; open it in Gmsh itself, or save it as .msh there", path));
 }
 

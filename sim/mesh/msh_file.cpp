@@ -9,12 +9,14 @@
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
+#include <limits>
 #include <memory>
 #include <set>
 #include <sstream>
 #include <unordered_map>
 
 #include "sim/core/error.hpp"
+#include "sim/core/input_file.hpp"
 #include "sim/mesh/gmsh.hpp"
 #include "sim/mesh/topology.hpp"
 
@@ -87,6 +89,13 @@ class Lines {
     const Number value = integer(i, what);
     if (value < 0) fail(fmt::format("{} is {}; expected zero or more", what, value));
     return value;
+  }
+
+  /// A physical group: its sign says which way round its entities are.
+  Number group(size_t i) const {
+    const Number value = integer(i, "a physical group");
+    if (value == std::numeric_limits<Number>::min()) fail(fmt::format("{} is no number of a physical group", value));
+    return std::abs(value);
   }
 
   double real(size_t i, std::string_view what) const {
@@ -231,7 +240,7 @@ class MshReader {
         const Number count = lines_.count(before, "the number of physical groups");
         for (Number g = 0; g < count; ++g) {
           // A negative number asks Gmsh to save the elements reversed; they are oriented here anyway.
-          groups.push_back(std::abs(lines_.integer(before + 1 + g, "a physical group")));
+          groups.push_back(lines_.group(before + 1 + g));
         }
       }
     }
@@ -242,7 +251,12 @@ class MshReader {
       lines_.fail(fmt::format("node {} occurs twice", number));
     }
     Eigen::Vector3d position;
-    for (int c = 0; c < 3; ++c) position[c] = unit_ * lines_.real(first_coordinate + c, "a coordinate");
+    for (int c = 0; c < 3; ++c) {
+      constexpr double farthest = 1e6;  // [m]
+      position[c] = unit_ * lines_.real(first_coordinate + c, "a coordinate");
+      if (std::abs(position[c]) > farthest)
+        lines_.fail(fmt::format("node {} has a coordinate of {:.4g} m; correct it, or the unit", number, position[c]));
+    }
     nodes_.push_back(position);
   }
 
@@ -292,7 +306,7 @@ class MshReader {
       const ElementType type = element_type(lines_.integer(1, "an element type"), lines_);
       const Number tags = lines_.count(2, "the number of an element's tags");
       std::vector<Number> groups;
-      const Number group = tags > 0 ? std::abs(lines_.integer(3, "a physical group")) : 0;
+      const Number group = tags > 0 ? lines_.group(3) : 0;
       if (group != 0) groups.push_back(group);
       if (tags > static_cast<Number>(lines_.size()))
         lines_.fail(fmt::format("{} tags are announced, fewer follow", tags));
@@ -506,6 +520,8 @@ class MshReader {
   std::vector<int> mesh_number_;  ///< of each file node; -1 for nodes of no element
 };
 
+constexpr double most_of_mesh = 20e9;  // [bytes]; read line by line
+
 /// Whether it is no ASCII mesh of the formats 4.1 and 2.2; what calls itself .msh and is no mesh at all is one with
 /// errors.
 bool is_for_gmsh(const std::string& path) {
@@ -523,12 +539,11 @@ Mesh read_msh(const std::string& path, double unit, int dimension) {
   if (!(unit > 0.0) || !std::isfinite(unit)) {
     throw InputError(fmt::format("{}: unit {} m must be positive; 0.001 for a mesh in millimetres", path, unit));
   }
-  auto file = std::make_unique<std::ifstream>(path);
-  if (!*file) throw InputError(fmt::format("{}: cannot be opened; check the path", path));
+  check_input_file(path, most_of_mesh);
   if (is_for_gmsh(path)) {
     return MshReader(path, std::make_unique<std::istringstream>(msh_text(path, dimension)), true, unit).read();
   }
-  return MshReader(path, std::move(file), false, unit).read();
+  return MshReader(path, std::make_unique<std::ifstream>(path), false, unit).read();
 }
 
 }  // namespace taut

@@ -6,10 +6,20 @@
 #include <cmath>
 
 #include "sim/core/error.hpp"
+#include "sim/mesh/mesh_budget.hpp"
 #include "sim/mesh/topology.hpp"
 
 namespace taut {
 namespace {
+
+/// Lines of a grid along one axis: with more of them not even a strip of elements could be solved.
+constexpr double most_lines = 2e6;
+
+void check_lines(double lines) {
+  if (!(lines <= most_lines))
+    throw InputError(fmt::format("about {:.2g} elements in a row; at most {:.0e} are allowed, choose larger ones",
+                                 lines, most_lines));
+}
 
 void check_grading(double length, int cells, double ratio) {
   if (!(length > 0.0) || !std::isfinite(length)) {
@@ -54,6 +64,7 @@ Mesh finished(Mesh mesh, const std::array<int, 3>& counts, int order, const std:
 
 std::vector<double> graded(double length, int cells, double ratio) {
   check_grading(length, cells, ratio);
+  check_lines(cells);
   std::vector<double> sums{0.0}, x;
   for (int i = 0; i < cells; ++i)
     sums.push_back(sums.back() + (cells == 1 ? 1.0 : std::pow(ratio, static_cast<double>(i) / (cells - 1))));
@@ -62,11 +73,14 @@ std::vector<double> graded(double length, int cells, double ratio) {
 }
 
 int cells_along(double length, double size, int at_least) {
-  return std::max(at_least, static_cast<int>(std::lround(length / size)));
+  const double cells = std::max<double>(at_least, std::round(length / size));
+  check_lines(cells);
+  return static_cast<int>(cells);
 }
 
 void step_to(std::vector<double>& x, double end, int cells) {
   const double begin = x.back();
+  check_lines(static_cast<double>(x.size()) + cells);
   for (int k = 1; k < cells; ++k) x.push_back(begin + (end - begin) * k / cells);
   x.push_back(end);
 }
@@ -74,6 +88,7 @@ void step_to(std::vector<double>& x, double end, int cells) {
 Mesh rectangle(const std::vector<double>& x, const std::vector<double>& y, int order, const std::string& region,
                Diagonals diagonals) {
   check_grid({x, y}, order, region);
+  require_mesh(2.0 * static_cast<double>(x.size() - 1) * static_cast<double>(y.size() - 1), 2, order);
   const int nx = static_cast<int>(x.size()), ny = static_cast<int>(y.size());
   Mesh mesh;
   mesh.shape = ElementShape::tri3;
@@ -97,6 +112,10 @@ Mesh rectangle(const std::vector<double>& x, const std::vector<double>& y, int o
 Mesh box(const std::vector<double>& x, const std::vector<double>& y, const std::vector<double>& z, int order,
          const std::string& region) {
   check_grid({x, y, z}, order, region);
+  constexpr double kept = 0.125;  // at least, of a grid that a shape is cut out of
+  require_mesh(kept * 6 * static_cast<double>(x.size() - 1) * static_cast<double>(y.size() - 1) *
+                   static_cast<double>(z.size() - 1),
+               3, order);
   const int nx = static_cast<int>(x.size()), ny = static_cast<int>(y.size()), nz = static_cast<int>(z.size());
   Mesh mesh;
   mesh.shape = ElementShape::tet4;

@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "sim/core/error.hpp"
+#include "sim/core/memory_budget.hpp"
 #include "sim/core/stopwatch.hpp"
 #include "sim/core/units.hpp"
 #include "sim/robots/sensitivities.hpp"
@@ -63,6 +64,20 @@ Eigen::MatrixXd equilibrium_derivatives(Equilibrium& equilibrium, const std::vec
   if (!equilibrium.has_factor() && !equilibrium.refactorise())
     throw std::logic_error("an equilibrium's Hessian is not positive definite");
   return equilibrium.sensitivities(parameters);
+}
+
+/// All states are kept: what they take must be there before the first step. The adjoint method keeps what it goes back
+/// through besides: displacement, velocity, two references, parameters and memory.
+void require_states(const Simulation& simulation, const Model& model, const SimulationSensitivities& wanted) {
+  const double steps = std::ceil(simulation.duration / simulation.step);
+  double numbers = model.unknowns();
+  if (!wanted.goals.empty())
+    numbers += 4.0 * model.unknowns() + model.parameters().size() + 2.0 * static_cast<double>(model.memory_size());
+  if (wanted.all_readings) numbers += static_cast<double>(wanted.parameters.size() * model.parameters().size());
+  require_memory(8 * steps * numbers,
+                 fmt::format("{}: [simulation] duration: {:.4g} steps of {} unknowns, which are all kept, take",
+                             simulation.path, steps, model.unknowns()),
+                 "make the step longer, the duration shorter or the mesh coarser");
 }
 
 /// One run, and what it has found so far.
@@ -369,6 +384,7 @@ Equilibrium equilibrium_at_rest(const Simulation& simulation, const Robot& robot
 
 SimulationResult simulate(const Simulation& simulation, const Robot& robot, const SimulateOptions& options) {
   check_method(simulation, robot, options.sensitivities);
+  require_states(simulation, *robot.scene.model, options.sensitivities);
   return Run(simulation, robot, options).to_end();
 }
 

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <map>
 
+#include "sim/mesh/mesh_budget.hpp"
 #include "sim/mesh/weights.hpp"
 
 namespace taut {
@@ -46,6 +47,13 @@ Mesh make_whole(const Setup& setup) {
       parts.emplace_back(body.name, std::move(mesh));
     });
   }
+  double elements = 0, nodes = 0;
+  for (const auto& [name, mesh] : parts) {
+    elements += mesh.element_count();
+    nodes += mesh.node_count();
+  }
+  const Mesh& first = parts.front().second;
+  at(setup, "the mesh", [&] { require_equations(elements, nodes, first.dimension(), order_of(first.shape)); });
   if (parts.size() == 1 && parts[0].first.empty()) return std::move(parts[0].second);
   return at(setup, "the bodies", [&] { return merge(parts); });
 }

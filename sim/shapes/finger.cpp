@@ -7,6 +7,7 @@
 
 #include "sim/core/error.hpp"
 #include "sim/mesh/gmsh.hpp"
+#include "sim/mesh/mesh_budget.hpp"
 
 namespace taut {
 namespace {
@@ -61,7 +62,7 @@ std::pair<Eigen::Vector2d, Frame> ends(const Finger& finger, const std::vector<F
 std::vector<ShapeKey> Finger::keys() {
   const Allowed any = Allowed::any(), positive = Allowed::positive();
   return {
-      {"segments", &segments, Allowed::at_least(2), "plastic segments", Quantity::pure},
+      {"segments", &segments, Allowed::at_least(2, most_repeated), "plastic segments", Quantity::pure},
       {"segment_length", &segment_length, positive, "of each, along its lower side"},
       {"height", &height, positive, "of the segments"},
       {"hinge", &hinge, positive, "width of the foam at the lower side"},

@@ -36,7 +36,7 @@ bool refinable(const GeometrySettings& geometry) {
 MeshSettings refined(const MeshSettings& settings, const GeometrySettings& geometry, double factor) {
   MeshSettings result = settings;
   if (!refinable(geometry)) return result;
-  const auto scaled = [&](int count) { return std::max(1, static_cast<int>(std::lround(count * factor))); };
+  const auto scaled = [&](int count) { return static_cast<int>(std::clamp(std::round(count * factor), 1.0, 1e9)); };
   for (const MeshKey& key : geometry.shape->mesh_keys()) {
     if (key.kind != MeshKey::count) continue;
     const auto given = settings.counts.find(key.key);

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "sim/mesh/mesh_budget.hpp"
 #include "sim/mesh/structured.hpp"
 
 namespace taut {
@@ -19,6 +20,7 @@ std::vector<double> lines(const Kind& block, const MeshSettings& settings, size_
 }  // namespace
 
 Mesh Box::mesh(const MeshSettings& settings, bool, bool) const {
+  require_mesh(6.0 * settings.cells[0] * settings.cells[1] * settings.cells[2], 3, settings.order);
   return box(lines(*this, settings, 0), lines(*this, settings, 1), lines(*this, settings, 2), settings.order, region);
 }
 

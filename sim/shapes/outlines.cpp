@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "sim/mesh/mesh_budget.hpp"
+
 namespace taut {
 
 std::vector<ShapeKey> Boxes::keys() {
@@ -25,6 +27,7 @@ std::vector<ShapeKey> Disc::keys() {
 }
 Mesh Disc::mesh(const MeshSettings& settings, bool, bool) const {
   PolygonRegion circle{region, {}, {}};
+  require_mesh(4 * radius * radius / (settings.size * settings.size), 2, settings.order);
   const int corners = std::max(12, static_cast<int>(std::ceil(2 * M_PI * radius / settings.size)));
   for (int i = 0; i < corners; ++i) {
     const double angle = 2 * M_PI * i / corners;

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "sim/core/error.hpp"
+#include "sim/mesh/mesh_budget.hpp"
 
 namespace taut {
 namespace {
@@ -63,7 +64,8 @@ PushPuppetLayout::PushPuppetLayout(const PushPuppet& m)
 std::vector<ShapeKey> PushPuppet::keys() {
   const Allowed positive = Allowed::positive(), any = Allowed::any();
   return {
-      {"cells", &cells, Allowed::at_least(1), "foam cells, a web between two, a plate at either end", Quantity::pure},
+      {"cells", &cells, Allowed::at_least(1, most_repeated), "foam cells, a web between two, a plate at either end",
+       Quantity::pure},
       {"cell_length", &cell_length, positive, "foam between two webs"},
       {"core_height", &core_height, positive, "of the foam"},
       {"web_thickness", &web_thickness, positive, "of the webs"},

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "sim/core/error.hpp"
+#include "sim/mesh/mesh_budget.hpp"
 #include "sim/mesh/structured.hpp"
 #include "sim/shapes/push_puppet.hpp"
 
@@ -56,9 +57,8 @@ std::vector<double> nodes_of_face(const std::vector<double>& lines, int order) {
 /// Smallest distance between a node of one face and a node of the other, in units of the smaller mean spacing.
 double misalignment(const std::vector<double>& a, const std::vector<double>& b) {
   double nearest = std::abs(a.front() - b.front());
-  for (double y : a) {
-    for (double z : b) nearest = std::min(nearest, std::abs(y - z));
-  }
+  for (size_t i = 0, j = 0; i < a.size() && j < b.size(); a[i] < b[j] ? ++i : ++j)  // both go upwards
+    nearest = std::min(nearest, std::abs(a[i] - b[j]));
   const auto mean = [](const std::vector<double>& y) {
     return (y.back() - y.front()) / static_cast<double>(y.size() - 1);
   };
@@ -301,6 +301,9 @@ void check_resolution(const PushPuppet& m, const PushPuppetMesh& mesh, double in
                     "up to less than via_inset",
                     in_mm(inset), in_mm(m.via_inset)));
   }
+  // At least so many in the lips, before any of them is placed.
+  const double along = std::max(2.0, PushPuppetLayout(m).lip_length / mesh.size);
+  require_mesh(4.0 * m.cells * mesh.lip_cells * along, 2, mesh.order);
   if (m.stud_length <= 0.0) return;
   const double groove = m.stud_thickness + 2.0 * (m.stud_play + inset);
   if (2.0 * inset >= m.stud_thickness || groove >= m.lip_thickness) {
@@ -316,6 +319,11 @@ Mesh mesh_push_puppet(const PushPuppet& module, const PushPuppetMesh& settings, 
   check_resolution(module, settings, inset);
   const PushPuppetLayout at(module);
   const Lines lines(module, settings, inset);
+  require_mesh(4.0 * module.cells *
+                   (static_cast<double>(lines.foam_cells) * cells_along(module.cell_length, settings.size, 2) +
+                    static_cast<double>(lines.thin_cells) * cells_along(0.5 * at.lip_length, settings.size) +
+                    2.0 * static_cast<double>(lines.web.size() - 1)),
+               2, settings.order);
   const std::vector<double> foam_lines(lines.web.begin(), lines.web.begin() + lines.foam_cells + 1);
   const int foam_columns = cells_along(module.cell_length, settings.size, 2);
   Builder builder;

@@ -9,6 +9,7 @@
 
 #include "sim/core/error.hpp"
 #include "sim/mesh/extrude.hpp"
+#include "sim/mesh/mesh_budget.hpp"
 #include "sim/mesh/structured.hpp"
 #include "sim/mesh/topology.hpp"
 
@@ -97,7 +98,7 @@ std::vector<double> layer_boundaries(const std::vector<double>& s, int layers) {
   std::vector<double> levels{0.0};
   for (size_t k = 1; k < s.size(); ++k) {
     const double share = layers * (s[k] - s[k - 1]) / s.back();
-    step_to(levels, s[k], std::max(1, static_cast<int>(std::lround(share))));
+    step_to(levels, s[k], static_cast<int>(std::clamp(std::round(share), 1.0, 1e9)));
   }
   return levels;
 }
@@ -151,7 +152,7 @@ void Revolved::check() const {
 }
 
 std::vector<MeshKey> Revolved::mesh_keys() const {
-  const int as_long_as_wide = std::max(1, static_cast<int>(std::lround(length() / radius_at(0.5 * length()))));
+  const int as_long_as_wide = static_cast<int>(std::clamp(std::round(length() / radius_at(0.5 * length())), 1.0, 1e9));
   return {{MeshKey::count, "layers", "along the axis; unless given, about as long as the radius", as_long_as_wide},
           {MeshKey::count, "rings", hollow() ? "from bore to rim" : "from axis to rim", hollow() ? 1 : 2}};
 }
@@ -162,6 +163,7 @@ Mesh Revolved::mesh(const MeshSettings& settings, bool, bool) const {
   if (settings.order != 1 && settings.order != 2)
     throw InputError(fmt::format("revolved: element order {}; 1 and 2 are allowed", settings.order));
   const int rings = count(settings, "rings");
+  require_mesh((hollow() ? 72.0 : 18.0) * count(settings, "layers") * rings * rings, 3, settings.order);
   const std::vector<double> levels = layer_boundaries(s.values, count(settings, "layers"));
   const int layers = static_cast<int>(levels.size()) - 1;
   Mesh mesh = extrude(section_mesh(hollow(), rings, region), layers, layers);

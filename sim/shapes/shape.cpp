@@ -76,7 +76,9 @@ void Shape::check_keys(std::string_view who) const {
   for (const ShapeKey& key : own->keys()) {
     if (key.required) continue;
     if (int* const* count = std::get_if<int*>(&key.value); count != nullptr && !key.allowed.holds(**count))
-      throw InputError(fmt::format("{}: {} is {}; at least {} is needed", who, key.key, **count, key.allowed.least));
+      throw InputError(fmt::format("{}: {} is {}; {} is needed", who, key.key, **count,
+                                   **count > key.allowed.most ? fmt::format("at most {}", key.allowed.most)
+                                                              : fmt::format("at least {}", key.allowed.least)));
     double* const* length = std::get_if<double*>(&key.value);
     if (length == nullptr || std::isinf(key.allowed.least) || key.allowed.holds(**length)) continue;
     throw InputError(fmt::format("{}: {} is {}; a positive length {}", who, key.key, in_mm(**length),
@@ -88,6 +90,8 @@ void Shape::check_counts(std::string_view who, const MeshSettings& settings) con
   for (const MeshKey& key : mesh_keys()) {
     const int given = key.kind == MeshKey::count ? count(settings, key.key) : 1;
     if (given < 1) throw InputError(fmt::format("{}: {} is {}; at least 1 is needed", who, key.key, given));
+    if (given > 1'000'000)
+      throw InputError(fmt::format("{}: {} is {}; at most a million are allowed", who, key.key, given));
   }
 }
 

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "sim/core/error.hpp"
+#include "sim/mesh/mesh_budget.hpp"
 #include "sim/mesh/structured.hpp"
 
 namespace taut {
@@ -44,7 +45,7 @@ std::string region_at(const Sheet& s, const Eigen::VectorXd& at) {
 }  // namespace
 
 std::vector<ShapeKey> Sheet::keys() {
-  const Allowed any = Allowed::any(), positive = Allowed::positive(), counted = Allowed::at_least(1);
+  const Allowed any = Allowed::any(), positive = Allowed::positive(), counted = Allowed::at_least(1, most_repeated);
   return {
       {"columns", &columns, counted, "tiles along x", Quantity::pure},
       {"rows", &rows, counted, "tiles along y", Quantity::pure},

@@ -7,12 +7,13 @@
 #include <numbers>
 
 #include "sim/core/error.hpp"
+#include "sim/mesh/mesh_budget.hpp"
 #include "sim/mesh/structured.hpp"
 
 namespace taut {
 
 std::vector<ShapeKey> TwistModule::keys() {
-  const Allowed any = Allowed::any(), positive = Allowed::positive(), counted = Allowed::at_least(1);
+  const Allowed any = Allowed::any(), positive = Allowed::positive(), counted = Allowed::at_least(1, most_repeated);
   return {
       {"cells", &cells, counted, "of foam, a plate at either end of each", Quantity::pure},
       {"cables", &cables, counted, "of each handedness", Quantity::pure},

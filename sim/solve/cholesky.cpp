@@ -2,6 +2,8 @@
 
 #include <cholmod.h>
 #include <dlfcn.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
 
 #include <algorithm>
 #include <atomic>
@@ -160,8 +162,10 @@ Eigen::MatrixXd Cholesky::solve(const Eigen::MatrixXd& b) const {
   B.dtype = CHOLMOD_DOUBLE;
   const Serial alone;
   if (cholmod_solve2(CHOLMOD_A, self.factor, &B, nullptr, &self.solution, nullptr, &self.workspace[0],
-                     &self.workspace[1], &self.common) == 0)
+                     &self.workspace[1], &self.common) == 0) {
+    if (self.common.status == CHOLMOD_OUT_OF_MEMORY) throw std::bad_alloc();
     throw std::runtime_error("CHOLMOD could not solve");
+  }
   const Eigen::Map<const Eigen::MatrixXd> ordered(static_cast<const double*>(self.solution->x), b.rows(), b.cols());
   for (Eigen::Index i = 0; i < b.rows(); ++i) x.row(i) = ordered.row(self.place[i]);
   return x;
@@ -169,6 +173,29 @@ Eigen::MatrixXd Cholesky::solve(const Eigen::MatrixXd& b) const {
 
 int Cholesky::factorisations() const {
   return implementation_->factorisations;
+}
+
+int reserve_blas_buffers(int wanted) {
+  rlimit limit{};
+  if (getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY) return wanted;
+  // OpenBLAS's own functions, not in its headers; another BLAS has none of them, and no such buffers.
+  const auto take = reinterpret_cast<void* (*)(int)>(dlsym(RTLD_DEFAULT, "blas_memory_alloc"));
+  const auto give = reinterpret_cast<void (*)(void*)>(dlsym(RTLD_DEFAULT, "blas_memory_free"));
+  if (take == nullptr || give == nullptr) return wanted;
+  constexpr size_t size = size_t{160} << 20;  // of a buffer, with room to spare
+  static int known = 0;                       // buffers that it has
+  std::vector<void*> taken;
+  for (int i = 0; i < wanted; ++i) {
+    if (i >= known) {
+      void* room = mmap(nullptr, size, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+      if (room == MAP_FAILED) break;
+      munmap(room, size);
+    }
+    taken.push_back(take(0));
+  }
+  for (void* buffer : taken) give(buffer);
+  known = std::max(known, static_cast<int>(taken.size()));
+  return static_cast<int>(taken.size());
 }
 
 bool use_one_blas_thread() {

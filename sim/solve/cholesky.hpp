@@ -33,4 +33,10 @@ class Cholesky {
 /// BLAS in use cannot be told (the environment variable OPENBLAS_NUM_THREADS does it then).
 bool use_one_blas_thread();
 
+/// How many of `wanted` threads can call BLAS at the same time: all, unless `ulimit -v` bounds the address space.
+/// OpenBLAS takes 128 MB of it for each such thread, keeps them, and tries without end where it cannot get them; so
+/// what there is room for is taken here, in advance. 0: there is not even room for one. Not while another thread calls
+/// BLAS.
+int reserve_blas_buffers(int wanted);
+
 }  // namespace taut

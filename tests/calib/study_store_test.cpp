@@ -1,5 +1,6 @@
 #include "calib/studies/study_store.hpp"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <numeric>
@@ -41,7 +42,8 @@ TEST(StudyStore, CutAtAnyByteOfItsLastTwoLinesItHasWhatWasFinishedAndGoesOn) {
   run_study(whole.study, {100, folder / "whole.csv", "f", nullptr, {}});
   const std::string text = text_of(folder / "whole.csv");
   const size_t last = text.rfind('\n', text.size() - 2) + 1, before = text.rfind('\n', last - 2) + 1;
-  ASSERT_EQ(text.substr(last), "f,3,9,\"of \"\"3\"\", made up\"\n");
+  const std::string line = "f,3,9,\"of \"\"3\"\", made up\"";
+  ASSERT_EQ(text.substr(last), line + fmt::format(",{:08x}\n", crc32_of(line)));
   for (size_t cut = before; cut <= text.size(); ++cut) {
     const std::string path = folder.write("cut.csv", text.substr(0, cut));
     const StudyStore store(path, columns, 1, "f");
@@ -57,14 +59,46 @@ TEST(StudyStore, CutAtAnyByteOfItsLastTwoLinesItHasWhatWasFinishedAndGoesOn) {
   }
 }
 
+TEST(StudyStore, TheChecksumIsThatOfTheStandard) {
+  EXPECT_EQ(crc32_of("123456789"), 0xcbf43926u);  // the check value of CRC-32/ISO-HDLC
+  EXPECT_EQ(crc32_of(""), 0u);
+}
+
+/// Editors and tools end a file that was cut with a line's end.
+TEST(StudyStore, ALineThatWasCutAndEndedOrChangedDoesNotCount) {
+  const TemporaryFolder folder;
+  Squares whole(3);
+  run_study(whole.study, {100, folder / "whole.csv", "f", nullptr, {}});
+  const std::string text = text_of(folder / "whole.csv");
+  const size_t last = text.rfind('\n', text.size() - 2) + 1;
+  for (size_t cut = last; cut + 1 < text.size(); ++cut) {
+    const StudyStore store(folder.write("cut.csv", text.substr(0, cut) + "\n"), columns, 1, "f");
+    EXPECT_NE(store.find({"1"}), nullptr);
+    EXPECT_EQ(store.find({"2"}), nullptr) << cut;
+  }
+  const StudyStore changed(folder.write("changed.csv", replaced(text, "f,2,4,", "f,2,5,")), columns, 1, "f");
+  EXPECT_EQ(changed.find({"2"}), nullptr);
+  EXPECT_NE(changed.find({"1"}), nullptr);
+}
+
+TEST(StudyStore, ATableFromBeforeThereWereChecksumsIsReadAndGoesOnAsItIs) {
+  const TemporaryFolder folder;
+  const std::string text = "fingerprint,name,value,remark\nf,a,1,\n", path = folder.write("old.csv", text);
+  StudyStore store(path, columns, 1, "f");
+  ASSERT_NE(store.find({"a"}), nullptr);
+  store.add({"b"}, {"2", "x"});
+  EXPECT_EQ(text_of(path), text + "f,b,2,x\n");
+  EXPECT_NE(StudyStore(path, columns, 1, "f").find({"b"}), nullptr);
+}
+
 TEST(StudyStore, CutWithinItsHeaderItIsAFreshOne) {
   const TemporaryFolder folder;
-  const std::string header = "fingerprint,name,value,remark\n";
+  const std::string header = "fingerprint,name,value,remark,check\n";
   for (size_t cut = 0; cut <= header.size(); ++cut) {
     const std::string path = folder.write("cut.csv", header.substr(0, cut));
     StudyStore store(path, columns, 1, "f");
     store.add({"a"}, {"1", ""});
-    EXPECT_EQ(text_of(path), header + "f,a,1,\n");
+    EXPECT_EQ(text_of(path), header + fmt::format("f,a,1,,{:08x}\n", crc32_of("f,a,1,")));
   }
 }
 
@@ -162,7 +196,8 @@ TEST(Study, AStopEndsItAndWhatWasInterruptedIsNotKept) {
                               told.push_back(what + " " + std::to_string(done) + "/" + std::to_string(all));
                             }});
   EXPECT_EQ(squares.made(), 1);
-  EXPECT_EQ(text_of(folder / "a.csv"), "fingerprint,name,value,remark\nf,0,0,\"of \"\"0\"\", made up\"\n");
+  EXPECT_TRUE(
+      text_of(folder / "a.csv").starts_with("fingerprint,name,value,remark,check\nf,0,0,\"of \"\"0\"\", made up\","));
   EXPECT_EQ(told, (std::vector<std::string>{"square 0 0/3", "square 1 1/3"}));
 }
 

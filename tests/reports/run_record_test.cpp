@@ -289,6 +289,7 @@ TEST_F(RunRecordTest, OpenIntervalsInfiniteBoundsAndNaNAreNull) {
   record.fit.correlation(0, 1) = kNaN;
   record.readings[0].predicted = kNaN;
   record.fit.status = FitStatus::interrupted;
+  record.fit.covariance.resize(0, 0);
   const std::string text = to_json(record);
   const auto json = nlohmann::json::parse(text);
   EXPECT_TRUE(json["parameters"][0]["interval95"][0].is_null());
@@ -386,6 +387,61 @@ TEST_F(RunRecordTest, WhatIsWrongWithFitJsonIsSaidWithItsKey) {
   expect_input_error(read, {"'provenance' holds \"here\" where an object is needed"});
   write_edited([](auto& json) { json["fit"]["covariance_scale"][0] = "square"; });
   expect_input_error(read, {"'fit.covariance_scale[0]' holds \"square\""});
+}
+
+TEST_F(RunRecordTest, ARecordThatContradictsItselfIsNotBelieved) {
+  const auto read = [&] { read_run(folder_.string()); };
+  const std::string whole = to_json(test::tendon_finger());
+  const auto expect = [&](const std::string& text, const std::vector<std::string>& parts) {
+    write_file(path("fit.json"), text);
+    expect_input_error(read, parts);
+  };
+  const auto edited = [&](auto&& edit) {
+    auto json = nlohmann::ordered_json::parse(whole);
+    edit(json);
+    return json.dump();
+  };
+  write_file(path("fit.json"), whole);
+  EXPECT_NO_THROW(read());
+  expect(edited([](auto& json) { json["fit"]["covariance"] = {{1}}; }), {"'fit.covariance'", "1 entries for 2"});
+  expect(edited([](auto& json) {
+           json["fit"]["covariance"] = {{1, 0.2}, {0.3, 1}};
+         }),
+         {"'fit.covariance'", "not symmetric"});
+  expect(edited([](auto& json) {
+           json["fit"]["covariance"] = {{-1, 0}, {0, 1}};
+         }),
+         {"'fit.covariance'", "a variance is negative"});
+  expect(edited([](auto& json) {
+           json["fit"]["covariance"] = {{1, 2}, {2, 1}};
+         }),
+         {"'fit.covariance'", "a combination of parameters has a negative variance"});
+  expect(edited([](auto& json) {
+           json["fit"]["covariance"] = {{nullptr, 0}, {0, 1}};
+         }),
+         {"'fit.covariance'", "no number"});
+  expect(edited([](auto& json) { json["fit"]["correlation"][0][1] = 1.5; }), {"'fit.correlation'", "1.5 is beyond 1"});
+  expect(edited([](auto& json) { json["parameters"][1]["value"] = 2.5; }),
+         {"'parameters[1].value'", "2.5 is outside its bounds"});
+  expect(edited([](auto& json) { json["parameters"][1]["value"] = nullptr; }), {"'parameters[1].value'", "no value"});
+  expect(edited([](auto& json) {
+           json["parameters"][1]["interval95"] = {0.3, 0.46};
+         }),
+         {"'parameters[1].interval95'", "the value is not in it"});
+  expect(edited([](auto& json) { json["status"] = "interrupted"; }), {"'status'", "'interrupted' has no covariance"});
+  expect(edited([](auto& json) { json["readings"][2]["sigma"] = 1e-300; }),
+         {"'readings[2].sigma'", "1e-300 is no standard deviation"});
+  expect(edited([](auto& json) { json["readings"][2]["sigma"] = nullptr; }), {"'readings[2].sigma'"});
+  expect(edited([](auto& json) { json["readings"][2]["measured"] = nullptr; }), {"'readings[2].measured'"});
+  expect(edited([](auto& json) { json["readings"][2]["controls"].push_back(1); }),
+         {"'readings[2].controls'", "3 entries for 2 controls"});
+  expect(edited([](auto& json) { json["curves"][0]["value"].erase(0); }), {"'curves[0].value'", "loads"});
+  expect(edited([](auto& json) { json["fit"]["dof"] = 4294967296; }), {"'fit.dof'", "a whole number"});
+  const std::string value = "\"chi_squared\": ";
+  const size_t at = whole.find(value) + value.size();
+  expect(whole.substr(0, at) + "1e999" + whole.substr(whole.find_first_of(",\n", at)), {"larger than any"});
+  expect(whole.substr(0, at) + "NaN" + whole.substr(whole.find_first_of(",\n", at)), {"is not JSON"});
+  expect(std::string(100000, '['), {"nested"});
 }
 
 TEST_F(RunRecordTest, FilesAreWrittenWholeWithTheirFolders) {

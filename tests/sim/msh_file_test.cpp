@@ -339,7 +339,7 @@ TEST(MshFile, WhatGmshCannotReadIsSaidWithThePath) {
 
 TEST(MshFile, WrongFilesAreRefusedWithPathAndLine) {
   const auto read = [](const std::string& text) { return [text] { read_text(text); }; };
-  expect_input_error([] { read_msh("/nowhere/finger.msh"); }, {"/nowhere/finger.msh", "cannot be opened"});
+  expect_input_error([] { read_msh("/nowhere/finger.msh"); }, {"/nowhere/finger.msh", "cannot be read"});
   expect_input_error([] { read_text(square_22, 0.0); }, {"unit 0", "positive"});
   expect_input_error(read(""), {".msh:0", "no $MeshFormat"});
   expect_input_error(read("solid ascii\n"), {".msh:1:", "expected a section", "solid ascii"});

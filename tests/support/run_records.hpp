@@ -179,6 +179,8 @@ inline RunRecord tendon_finger() {
   record.fit.correlation.resize(2, 2);
   record.fit.correlation << 1, -0.83, -0.83, 1;
   record.fit.covariance = record.fit.correlation;
+  record.fit.singular_values = Eigen::Vector2d(21, 4);
+  record.fit.weakest = Eigen::Vector2d(0.28, 0.96);
   record.main.values = {61.3e3, 0.21};
   record.main.standard_errors = {2.9e3, 0.12};
   const double retractions[] = {0, 5.89, 11.79, 17.68}, masses[] = {0.05, 0.1, 0.2, 0.5};
