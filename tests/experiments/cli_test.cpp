@@ -92,7 +92,7 @@ TEST_F(Command, WrongUsageIsExitCodeTwoWithASentenceOnStderr) {
   };
   refuses({"fti", experiment_},
           {"unknown command 'fti'", "did you mean 'fit'",
-           "check, draw, replay, fit, simulate, ik, optimise, predict, tune, compare, recheck, chart, report"});
+           "check, draw, replay, fit, simulate, ik, optimise, predict, tune, export, score, compare, recheck, chart, report"});
   refuses({"check"}, {"EXPERIMENT is missing", "usage: taut check"});
   refuses({"check", experiment_, "--jsn"}, {"--jsn"});
   refuses({"check", experiment_, "another.toml"}, {"taut --help"});
