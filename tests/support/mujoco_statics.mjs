@@ -11,9 +11,9 @@ const {default: load} = await import(pathToFileURL(path.join(folder, 'mujoco-js/
 const mujoco = await load();
 const state = JSON.parse(fs.readFileSync(states, 'utf8')).states[Number(index)];
 const file = path.join(path.dirname(states), state.file);
-mujoco.FS.mkdir('/work');
-mujoco.FS.writeFile('/work/' + state.file, fs.readFileSync(file, 'utf8'));
-const model = mujoco.MjModel.loadFromXML('/work/' + state.file);
+mujoco.FS.mkdir('/model');
+mujoco.FS.writeFile('/model/' + state.file, fs.readFileSync(file, 'utf8'));
+const model = mujoco.MjModel.loadFromXML('/model/' + state.file);
 const data = new mujoco.MjData(model);
 const urdf = state.file.endsWith('.urdf');
 if (urdf) {
