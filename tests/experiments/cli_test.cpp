@@ -90,9 +90,10 @@ TEST_F(Command, WrongUsageIsExitCodeTwoWithASentenceOnStderr) {
     expect_holds(outcome.err, parts);
     EXPECT_EQ(std::count(outcome.err.begin(), outcome.err.end(), '\n'), 1) << outcome.err;
   };
-  refuses({"fti", experiment_}, {"unknown command 'fti'", "did you mean 'fit'",
-                                 "check, draw, replay, fit, simulate, ik, optimise, predict, tune, plan, export, score, "
-                                 "compare, recheck, chart, report"});
+  refuses({"fti", experiment_},
+          {"unknown command 'fti'", "did you mean 'fit'",
+           "check, draw, replay, fit, simulate, ik, optimise, predict, tune, plan, export, score, "
+           "compare, recheck, chart, report"});
   refuses({"check"}, {"EXPERIMENT is missing", "usage: taut check"});
   refuses({"check", experiment_, "--jsn"}, {"--jsn"});
   refuses({"check", experiment_, "another.toml"}, {"taut --help"});
