@@ -21,7 +21,6 @@
 #include "reports/fit_run.hpp"
 #include "reports/run_record.hpp"
 #include "sim/core/error.hpp"
-#include "sim/core/numbers.hpp"
 
 namespace taut {
 namespace {
