@@ -7,6 +7,7 @@ import tempfile
 import zipfile
 
 build, version, program = sys.argv[1:]
+program = os.path.abspath(program)
 (wheel,) = glob.glob(f"{build}/taut-{version}-*.whl")
 with tempfile.TemporaryDirectory() as folder:
     zipfile.ZipFile(wheel).extractall(folder)
