@@ -1,4 +1,5 @@
-# The Python package `taut` (TAUT_PYTHON=ON): in the build folder as python/taut, installed where the interpreter looks.
+# The Python package `taut` (TAUT_PYTHON=ON): in the build folder as python/taut, installed where the interpreter looks; the
+# target `wheel` packs it for this Python on this system (Debian's python3-wheel).
 # Debian's Python, to which Debian's NumPy belongs, unless a virtual environment is active or -DPython_EXECUTABLE=... names another.
 if(NOT DEFINED Python_EXECUTABLE AND NOT DEFINED ENV{VIRTUAL_ENV} AND NOT DEFINED ENV{CONDA_PREFIX} AND EXISTS /usr/bin/python3)
   set(Python_EXECUTABLE /usr/bin/python3)
@@ -31,3 +32,31 @@ print('lib/python%d.%d/%s-packages' % (*sys.version_info[:2], 'dist' if debian e
 set(TAUT_PYTHON_DIR ${python_folder} CACHE STRING "Where the Python package is installed, below the prefix")
 install(TARGETS _taut DESTINATION ${TAUT_PYTHON_DIR}/taut COMPONENT python)
 install(FILES ${python_files} DESTINATION ${TAUT_PYTHON_DIR}/taut COMPONENT python)
+
+# A wheel of the same files. It needs taut's libraries as Debian has them, which its platform tag says as well as one can.
+execute_process(COMMAND ${Python_EXECUTABLE} -c "import sys, sysconfig
+print('cp%d%d-cp%d%d-' % (*sys.version_info[:2], *sys.version_info[:2]) + sysconfig.get_platform().replace('-', '_').replace('.', '_'))"
+                OUTPUT_VARIABLE wheel_tag OUTPUT_STRIP_TRAILING_WHITESPACE COMMAND_ERROR_IS_FATAL ANY)
+set(wheel_about ${PROJECT_BINARY_DIR}/wheel_about)
+file(WRITE ${wheel_about}/METADATA "Metadata-Version: 2.1
+Name: taut
+Version: ${PROJECT_VERSION}
+Summary: ${PROJECT_DESCRIPTION}
+License: MIT
+Requires-Python: >=3.9
+Requires-Dist: numpy
+")
+file(WRITE ${wheel_about}/WHEEL "Wheel-Version: 1.0
+Generator: taut
+Root-Is-Purelib: false
+Tag: ${wheel_tag}
+")
+set(wheel_root ${PROJECT_BINARY_DIR}/wheel_root)
+add_custom_target(wheel
+                  COMMAND ${CMAKE_COMMAND} -E rm -rf ${wheel_root} ${PROJECT_BINARY_DIR}/taut-${PROJECT_VERSION}-${wheel_tag}.whl
+                  COMMAND ${CMAKE_COMMAND} -E copy_directory ${python_package} ${wheel_root}/taut
+                  COMMAND ${CMAKE_COMMAND} -E rm -rf ${wheel_root}/taut/__pycache__
+                  COMMAND ${CMAKE_COMMAND} -E copy_directory ${wheel_about} ${wheel_root}/taut-${PROJECT_VERSION}.dist-info
+                  COMMAND ${Python_EXECUTABLE} -m wheel pack ${wheel_root} --dest-dir ${PROJECT_BINARY_DIR}
+                  VERBATIM)
+add_dependencies(wheel taut_python)

@@ -4,10 +4,12 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
-#include <algorithm>
+#include <map>
 #include <memory>
-#include <numeric>
+#include <optional>
+#include <string>
 #include <variant>
+#include <vector>
 
 #include "calib/data/files.hpp"
 #include "calib/data/run_folder.hpp"
@@ -19,7 +21,6 @@
 #include "reports/fit_run.hpp"
 #include "reports/run_record.hpp"
 #include "sim/core/error.hpp"
-#include "sim/core/numbers.hpp"
 
 namespace taut {
 namespace {
@@ -93,21 +94,17 @@ py::list parameters_of(const Bench& bench) {
 }
 
 /// What a bench is, nothing solved.
-struct Description {
-  RunRecord record;
-  py::dict as_dict(const Bench& bench) const {
-    py::dict all;
-    all["title"] = text(record.title);
-    all["simulated"] = record.simulated;
-    all["controls"] = axes(record.controls);
-    all["channels"] = axes(record.channels);
-    all["readings"] = columns_of(record, false);
-    all["parameters"] = parameters_of(bench);
-    all["remarks"] = texts(record.remarks);
-    all["size"] = text(bench.size_text());
-    return all;
-  }
-};
+py::dict description_of(const Bench& bench, const RunRecord& record) {
+  py::dict all;
+  all["title"] = text(record.title);
+  all["simulated"] = record.simulated;
+  all["controls"] = axes(record.controls);
+  all["channels"] = axes(record.channels);
+  all["readings"] = columns_of(record, false);
+  all["parameters"] = parameters_of(bench);
+  all["remarks"] = texts(record.remarks);
+  return all;
+}
 
 using Value = std::variant<double, std::string>;
 
@@ -249,13 +246,13 @@ class PyExperiment {
     std::atomic<bool> stop{false};
     Computation computation(py::none(), stop);
     std::unique_ptr<Bench> bench;
-    Description description;
+    RunRecord record;
     computation.run([&] {
       bench = open(computation, threads, Readings::may_be_blank, rows);
-      description.record = start_record(*bench);
+      record = start_record(*bench);
     });
     computation.raise(py::none());
-    return description.as_dict(*bench);
+    return description_of(*bench, record);
   }
 
   py::dict replay(const std::map<std::string, Value>& set, bool derivatives, const std::string& rows, int threads,

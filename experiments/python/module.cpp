@@ -3,7 +3,9 @@
 
 #include <chrono>
 #include <exception>
+#include <mutex>
 #include <thread>
+#include <utility>
 
 #include "experiments/cli/version.hpp"
 #include "experiments/python/compute.hpp"

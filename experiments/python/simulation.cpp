@@ -6,8 +6,10 @@
 #include <pybind11/stl.h>
 
 #include <algorithm>
-#include <memory>
+#include <mutex>
 #include <optional>
+#include <string>
+#include <vector>
 
 #include "experiments/python/compute.hpp"
 #include "reports/ik_target.hpp"

@@ -46,6 +46,19 @@ class Readings(InFolder):
         self.assertEqual(list(table["tip_load"]), [0.5, 1.0])
         self.assertTrue(np.all(np.isnan(table["value"])))
 
+    def test_of_all_shipped_experiments_are_finite_and_have_units(self):
+        count = 0
+        for path in sorted((SOURCE / "experiments").glob("*/*.toml")):
+            if "simulation" in read_dict(path):
+                continue
+            table = taut.Experiment(path).readings
+            self.assertTrue(np.all(np.isfinite(np.asarray(table["value"])[~np.asarray(table["excluded"])])), path)
+            self.assertTrue(np.all(np.asarray(table["sigma"]) > 0), path)
+            named = {"line", "trial", "channel", "excluded"} | set(table.attrs["units"])
+            self.assertEqual(set(table), named, path)
+            count += 1
+        self.assertGreaterEqual(count, 9)
+
     def test_are_numpy_arrays_without_pandas(self):
         done = python(f"""
 import sys

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import taut
+from taut import tables
 from common import (CANTILEVER, MODULE, InFolder, command, command_json, hopeless_beam, python, tension_bench,
                     tension_experiment)
 
@@ -202,6 +203,13 @@ class Predictions(InFolder):
         self.assertRefused(lambda: run.predict([{"tip_load": "much"}]), "row 1", "tip_load", "'much'", "N")
         self.assertRefused(lambda: run.predict([{"tip_load": math.inf}]), "row 1", "finite")
         self.assertRefused(lambda: run.predict({"tip_load": [1, 2], "other": [1]}), "lengths")
+
+    def test_take_specimens_by_name_or_number(self):
+        controls = [{"id": "load", "unit": "N"}, {"id": "line", "unit": "1", "labels": ["thin", "thick"]}]
+        columns = {"load": [1, 2.5], "control_line": ["thick", 1]}  # "line" is a column of our own
+        self.assertEqual(tables.control_matrix(columns, controls).tolist(), [[1.0, 2.0], [2.5, 1.0]])
+        columns["control_line"][1] = "thicc"
+        self.assertRefused(lambda: tables.control_matrix(columns, controls), "row 2", "'thicc'", "thin, thick")
 
     def test_of_a_material_point_have_no_rows(self):
         tension_bench("bench.csv", 100e3, [0.1, 0.3], 100.0)
