@@ -406,10 +406,10 @@ class ReachScan {
     task_.rows.resize(1);
   }
 
-  std::optional<PlanReach> along(size_t control, double from, double to, double worth) {
+  std::optional<PlanReach> along(size_t control, bool largest, double from, double to, double worth) {
     const double step = (to - from) / steps;
     std::vector<std::vector<double>> rows;
-    for (int i = 0; i <= steps; ++i) rows.push_back(row_at(control, from + i * step));
+    for (int i = 0; i <= steps; ++i) rows.push_back(row_at(control, largest, from + i * step));
     const std::vector<Beyond> found = at(rows);
     for (size_t i = 1; i < found.size(); ++i) {
       if (!(found[i].fraction >= worth)) continue;
@@ -417,7 +417,7 @@ class ReachScan {
       Beyond there = found[i];
       while (std::abs(seen - unseen) > 1e-3 * std::abs(to - from)) {
         const double middle = (seen + unseen) / 2;
-        const Beyond one = at({row_at(control, middle)}).front();
+        const Beyond one = at({row_at(control, largest, middle)}).front();
         if (one.fraction >= worth) {
           seen = middle;
           there = one;
@@ -425,7 +425,7 @@ class ReachScan {
           unseen = middle;
         }
       }
-      return PlanReach{control, seen, to > from, there.touching, found.front().touching};
+      return PlanReach{control, row_at(control, largest, seen), to > from, there.touching, found.front().touching};
     }
     return std::nullopt;
   }
@@ -433,11 +433,12 @@ class ReachScan {
  private:
   static constexpr int steps = 12;
 
-  std::vector<double> row_at(size_t control, double value) const {
+  /// The other controls at the largest, or smallest, values of the candidates.
+  std::vector<double> row_at(size_t control, bool largest, double value) const {
     std::vector<double> row = question_.rows.front();
     for (const std::vector<double>& other : question_.rows) {
       for (size_t k = 0; k < row.size(); ++k) {
-        if (std::abs(other[k]) > std::abs(row[k])) row[k] = other[k];
+        if (largest ? std::abs(other[k]) > std::abs(row[k]) : std::abs(other[k]) < std::abs(row[k])) row[k] = other[k];
       }
     }
     row[control] = value;
@@ -505,7 +506,13 @@ std::vector<PlanReach> where_seen(const Bench& bench, const PlanBelief& belief, 
     const double lowest = low >= 0 ? std::max(0.0, low - range) : low - range;
     for (const auto& [from, to] : {std::pair(high, highest), std::pair(low, lowest)}) {
       if (from == to) continue;
-      if (const std::optional<PlanReach> reach = scan.along(k, from, to, worth)) found.push_back(*reach);
+      std::optional<PlanReach> nearest;
+      for (const bool largest : {false, true}) {
+        const std::optional<PlanReach> reach = scan.along(k, largest, from, to, worth);
+        if (reach && (!nearest || std::abs(reach->controls[k] - from) < std::abs(nearest->controls[k] - from)))
+          nearest = reach;
+      }
+      if (nearest) found.push_back(*nearest);
     }
   }
   return found;

@@ -154,17 +154,17 @@ std::vector<size_t> cheapest_rows(const PlanTask& task, double minutes);
 
 /// Where beyond the candidates a goal begins to be seen.
 struct PlanReach {
-  size_t control = 0;  ///< of Bench::controls()
-  double value = 0;    ///< SI, of the row there
-  bool above = true;   ///< it is seen from there upwards, else downwards
-  std::optional<bool> touching{},
-      touching_before{};  ///< surfaces touch there, and at the candidates' end; none: not known
+  size_t control = 0;                     ///< of Bench::controls()
+  std::vector<double> controls{};         ///< of the row where it begins, SI
+  bool above = true;                      ///< it is seen from there upwards, else downwards
+  std::optional<bool> touching{};         ///< surfaces touch there; none: not known
+  std::optional<bool> touching_before{};  ///< and at the candidates' end
 };
 
 /// Scans each control from either end of the candidates' range over once that range (not to the other side of zero),
-/// the others at the candidates' largest values, for where `count` rows narrow the goal's noise by the fraction `worth`
-/// or more, expected over the draws; narrows where that begins to 1/1000 of the range. Whether surfaces touch is told
-/// at the best values. `knowledge` is ask_rows()'s answer.
+/// the others at the candidates' largest values, then at their smallest, for where `count` rows narrow the goal's noise
+/// by the fraction `worth` or more, expected over the draws; narrows where that begins to 1/1000 of the range. Whether
+/// surfaces touch is told at the best values. `knowledge` is ask_rows()'s answer.
 std::vector<PlanReach> where_seen(const Bench& bench, const PlanBelief& belief, const PlanQuestion& question,
                                   const SigmaOfReading& sigma, const PlanKnowledge& knowledge, const PlanGoal& goal,
                                   int count, double worth,

@@ -480,16 +480,20 @@ class Planner {
     return *std::ranges::max_element(source_.record->shares, {}, part);
   }
 
-  /// "E_plastic needs surfaces that touch: retraction 17.7 mm and above (--try retraction=...)".
+  /// "E_plastic needs closed lips (surfaces that touch): retraction 17.3 mm and above (at mass = 50 g)".
   std::string reach_text(const PlanReach& reach) const {
-    const std::string& id = bench_.controls()[reach.control].id;
-    const std::string where = fmt::format("{} {} and {}", id, value_text(bench_, reach.control, as_set(reach.value)),
-                                          reach.above ? "above" : "below");
-    const std::string reason =
-        reach.touching && reach.touching_before && *reach.touching != *reach.touching_before
-            ? (*reach.touching ? "needs surfaces that touch, closed lips" : "needs surfaces that do not touch")
-            : "begins to be seen beyond the candidates";
-    return fmt::format("{} {}: {}", report_.goal.id, reason, where);
+    std::vector<std::string> others;
+    for (size_t k = 0; k < reach.controls.size(); ++k) {
+      if (k != reach.control) others.push_back(bench_.describe_control(k, reach.controls[k]));
+    }
+    std::string reason = "begins to be seen beyond the candidates", state;
+    if (reach.touching && reach.touching_before && *reach.touching != *reach.touching_before)
+      reason = *reach.touching ? "needs closed lips (surfaces that touch)" : "needs surfaces that do not touch";
+    else if (reach.touching && *reach.touching)
+      state = "; surfaces touch there, and at the candidates' end already";
+    return fmt::format("{} {}: {} {} and {}{}{}", report_.goal.id, reason, bench_.controls()[reach.control].id,
+                       value_text(bench_, reach.control, as_set(reach.controls[reach.control])),
+                       reach.above ? "above" : "below", others.empty() ? "" : " (at " + join(others) + ")", state);
   }
 
   const CommandOptions& options_;

@@ -134,7 +134,9 @@ TEST(Planning, SetUpsAreMadeOnceAndHaveToBeWorthTheirTime) {
   task.minutes = 22;
   EXPECT_LE(minutes_of(task, choose_rows(task).rows), 22);
   // Two rows at x = 0 and 2 in two set-ups (Sxx = 2) say more than five at 0 and 1 in one (Sxx = 1.2).
-  EXPECT_EQ(x_of(task, choose_rows(task).rows), (std::vector<double>{0, 2}));
+  std::vector<size_t> two = choose_rows(task).rows;
+  std::ranges::sort(two);
+  EXPECT_EQ(x_of(task, two), (std::vector<double>{0, 2}));
 }
 
 /// A task of random readings.
@@ -498,41 +500,75 @@ Params refitted(Protocol& protocol, const Prediction& exact, const Params& truth
   return p;
 }
 
-TEST(SlowPlanning, TheProposedRowsNarrowTheCableOfTheModuleTwiceAsMuchAsTheCheapestOnes) {
-  Experiment e = read_experiment(TAUT_SOURCE_DIR "/experiments/push_puppet/experiment.toml");
-  e.mesh.order = 1;
-  const std::unique_ptr<Bench> bench = open_bench(e);
-  // As a fit of the shipped readings that ended here would have it.
-  const std::map<std::string, double> values{
-      {"E_foam", 61e3}, {"E_plastic", 3.2e9}, {"k_cable", 17e3}, {"slack", 0.29e-3}};
-  Protocol& own = bench->protocol();
-  std::vector<FreeParameter> free = bench->free();
-  Params truth = own.nominal();
+/// The shipped module of linear elements, as a fit of its readings that ended here would have it.
+struct PlannedModule {
+  std::unique_ptr<Bench> bench;
+  std::vector<FreeParameter> free;
+  Params truth;
   FitResult fit;
-  for (FreeParameter& one : free) {
-    ParameterEstimate& estimate = fit.parameters.emplace_back();
-    estimate.spec = own.parameters()[one.index];
-    estimate.value = one.start = truth[one.index] = values.at(estimate.spec.id);
-    estimate.lower = one.lower;
-    estimate.upper = one.upper;
-  }
-  Eigen::VectorXd scales(4);
-  for (size_t j = 0; j < 4; ++j)
-    scales[static_cast<Eigen::Index>(j)] = fit.parameters[j].spec.logarithmic ? fit.parameters[j].value : 1;
-  const Prediction there = own.predict(truth, indices_of(free));
-  ASSERT_TRUE(there.complete());
-  const Eigen::MatrixXd J = noise_scaled(there, bench->measurements()).jacobian * scales.asDiagonal();
-  fit.covariance = *solve_positive_definite(J.transpose() * J, Eigen::MatrixXd::Identity(4, 4));
 
+  PlannedModule() {
+    Experiment e = read_experiment(TAUT_SOURCE_DIR "/experiments/push_puppet/experiment.toml");
+    e.mesh.order = 1;
+    bench = open_bench(e);
+    const std::map<std::string, double> values{
+        {"E_foam", 61e3}, {"E_plastic", 3.2e9}, {"k_cable", 17e3}, {"slack", 0.29e-3}};
+    Protocol& own = bench->protocol();
+    free = bench->free();
+    truth = own.nominal();
+    Eigen::VectorXd scales(4);
+    for (size_t j = 0; j < free.size(); ++j) {
+      ParameterEstimate& estimate = fit.parameters.emplace_back();
+      estimate.spec = own.parameters()[free[j].index];
+      estimate.value = free[j].start = truth[free[j].index] = values.at(estimate.spec.id);
+      estimate.lower = free[j].lower;
+      estimate.upper = free[j].upper;
+      scales[static_cast<Eigen::Index>(j)] = estimate.spec.logarithmic ? estimate.value : 1;
+    }
+    const Prediction there = own.predict(truth, indices_of(free));
+    const Eigen::MatrixXd J = noise_scaled(there, bench->measurements()).jacobian * scales.asDiagonal();
+    fit.covariance = *solve_positive_definite(J.transpose() * J, Eigen::MatrixXd::Identity(4, 4));
+  }
+
+  SigmaOfReading sigma() const {
+    return [this](const BenchReading& at, double value) { return *bench->declared_sigma(at.channel, value); };
+  }
+};
+
+TEST(SlowPlanning, ThePlasticOfTheModuleIsSeenFromWhereTheLipsMeet) {
+  const PlannedModule module;
+  PlanQuestion question;
+  for (const double retraction : {0.0, 6e-3, 12e-3}) question.rows.push_back({0.05, retraction});
+  question.channels = {0};
+  question.draws = 1;
+  const PlanBelief belief = belief_after(module.fit);
+  const PlanKnowledge knowledge = ask_rows(*module.bench, belief, question, module.sigma());
+  const PlanGoal goal = goal_of_parameter(belief, 1, 1, 0);
+  const std::vector<PlanReach> found =
+      where_seen(*module.bench, belief, question, module.sigma(), knowledge, goal, 4, 0.05);
+  const auto reach = std::ranges::find(found, 1u, &PlanReach::control);
+  ASSERT_NE(reach, found.end());
+  EXPECT_TRUE(reach->above);
+  // Gaps of 17.0 mm in all, and 0.29 mm of slack, close between these; the barrier begins a little before.
+  EXPECT_GT(reach->controls[1], 16.8e-3);
+  EXPECT_LT(reach->controls[1], 17.4e-3);
+  EXPECT_EQ(reach->touching, std::optional(true));
+  EXPECT_EQ(reach->touching_before, std::optional(false));
+}
+
+TEST(SlowPlanning, TheProposedRowsNarrowTheCableOfTheModuleTwiceAsMuchAsTheCheapestOnes) {
+  const PlannedModule module;
+  const std::unique_ptr<Bench>& bench = module.bench;
+  const std::vector<FreeParameter>& free = module.free;
+  const Params& truth = module.truth;
   PlanQuestion question;
   for (const double retraction : {0.0, 4.42e-3, 8.84e-3, 13.3e-3, 17.68e-3}) {
     for (const double mass : {0.05, 0.162, 0.275, 0.388, 0.5}) question.rows.push_back({mass, retraction});
   }
   ASSERT_EQ(bench->controls().front().id, "mass");
   question.channels = {0};
-  const auto sigma = [&](const BenchReading& at, double value) { return *bench->declared_sigma(at.channel, value); };
-  const PlanBelief belief = belief_after(fit);
-  const PlanKnowledge knowledge = ask_rows(*bench, belief, question, sigma);
+  const PlanBelief belief = belief_after(module.fit);
+  const PlanKnowledge knowledge = ask_rows(*bench, belief, question, module.sigma());
   PlanTask task{knowledge.known, knowledge.candidates, goal_of_parameter(belief, 2, knowledge.known.size(), 0)};
   task.count = 4;
   const PlanChoice plan = choose_rows(task);
