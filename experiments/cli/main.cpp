@@ -242,6 +242,7 @@ int main(int argc, char** argv) {
   for (int signal : {SIGINT, SIGTERM, SIGHUP}) {
     if (std::signal(signal, taut::on_interrupt) == SIG_IGN) std::signal(signal, SIG_IGN);  // nohup asked for that
   }
+  std::signal(SIGXFSZ, SIG_IGN);  // a file that may not grow is an error of its write
   std::signal(SIGPIPE, SIG_IGN);  // a reader that ends early must not end a run
   std::set_terminate(taut::on_terminate);
   taut::use_one_blas_thread();

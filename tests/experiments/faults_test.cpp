@@ -47,7 +47,12 @@ struct SlowFaults : testing::Test {
     const double found = modulus();
     EXPECT_TRUE(std::isnan(found) || std::abs(found - right) < 1e-5 * right) << found << " " << said;
     EXPECT_TRUE(outcome.code != 0 || !std::isnan(found)) << said;
-    EXPECT_TRUE(outcome.code == 0 || outcome.err.find("taut: ") != std::string::npos) << said;
+    // A part after the fit that failed is a remark of the run.
+    if (outcome.code == 3 && !std::isnan(found)) {
+      EXPECT_NE(text_of(folder / "run/fit.json").find("failed and is left out"), std::string::npos) << said;
+    } else {
+      EXPECT_TRUE(outcome.code == 0 || outcome.err.find("taut: ") != std::string::npos) << said;
+    }
     const Outcome again = fit("");
     EXPECT_EQ(again.code, 0) << said << "\nand then: " << again.err;
     EXPECT_NEAR(modulus(), right, 1e-5 * right) << said;
@@ -56,7 +61,10 @@ struct SlowFaults : testing::Test {
   std::pair<int, int> counted() {
     EXPECT_EQ(fit("TAUT_FAULT_COUNTS=counts.txt").code, 0) << text_of(folder / "stderr.txt");
     right = modulus();
-    EXPECT_NEAR(right, 100e3, 90e3);
+    // 3 E I / (1 - nu^2) / L^3 = F / u, of a slender beam in plane strain, without the compliance in shear.
+    const double length = 0.06, second = 0.02 * std::pow(0.012, 3) / 12;
+    const double slender = 0.05 / 1e-3 * std::pow(length, 3) / (3 * second) * (1 - 0.3 * 0.3);
+    EXPECT_NEAR(right, slender, 0.05 * slender);
     std::istringstream counts(text_of(folder / "counts.txt"));
     std::pair<int, int> result{0, 0};
     counts >> result.first >> result.second;
@@ -70,13 +78,13 @@ struct SlowFaults : testing::Test {
 
 TEST_F(SlowFaults, ADiskThatIsFullAtAnyWrite) {
   const int writes = counted().first;
-  for (int n = 1; n <= writes; n += std::max(1, writes / 40))
+  for (int n = 1; n <= writes; n += std::max(1, writes / 25))
     expect_right_or_clean("TAUT_FAIL_WRITE=" + std::to_string(n));
 }
 
 TEST_F(SlowFaults, AFactorisationThatFailsAnywhere) {
   const int solves = counted().second;
-  for (int n = 1; n <= solves; n += std::max(1, solves / 20)) {
+  for (int n = 1; n <= solves; n += std::max(1, solves / 12)) {
     expect_right_or_clean("TAUT_FAIL_SOLVE=" + std::to_string(n));
     expect_right_or_clean("TAUT_FAIL_MEMORY=1 TAUT_FAIL_SOLVE=" + std::to_string(n));
   }

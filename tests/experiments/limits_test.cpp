@@ -164,7 +164,7 @@ TEST_F(Limits, TheMemoryOfEquationsIsEstimatedToAFactorOfThree) {
 /// OpenBLAS tries without end to get memory; whatever the limit, the command ends: with its result or "out of memory".
 TEST_F(Limits, UnderAnyLimitOfAddressSpaceTheCommandEnds) {
   folder.write("bench.csv", beam_csv);
-  folder.write("experiment.toml", replaced(beam_toml, "cells = [10, 4]", "cells = [60, 16]"));
+  folder.write("experiment.toml", replaced(beam_toml, "cells = [10, 4]", "cells = [30, 8]"));
   int done = 0, refused = 0;
   for (const int megabytes : {160, 180, 200, 220, 250, 300, 350, 400, 450, 500, 600, 800, 1200, 3000}) {
     fs::remove_all(folder / "run");
@@ -174,12 +174,13 @@ TEST_F(Limits, UnderAnyLimitOfAddressSpaceTheCommandEnds) {
     if (outcome.err.find("error while loading shared libraries") != std::string::npos) continue;  // not even begun
     EXPECT_NE(outcome.code, -1) << "it hangs at " << said;
     EXPECT_LT(outcome.code, 128) << "it crashes at " << said;
-    if (outcome.code == 0 || outcome.code == 6) {  // 6: no room for gnuplot
+    // 3: a part that comes after the fit had no room; 6: gnuplot had none.
+    if (outcome.code == 0 || outcome.code == 3 || outcome.code == 6) {
       ++done;
       EXPECT_EQ(nlohmann::json::parse(text_of(folder / "run/fit.json"))["status"], "converged") << said;
     } else {
       ++refused;
-      EXPECT_TRUE(outcome.err.find("memory") != std::string::npos || outcome.code == 3) << said;
+      EXPECT_NE(outcome.err.find("memory"), std::string::npos) << said;
     }
   }
   EXPECT_GT(done, 0);
@@ -230,7 +231,7 @@ TEST_F(Limits, LengthsDirectionsReadingsAndNodesOfNoWorldAreRefused) {
   text = one_body(R"(kind = "rectangle", size = ["1e-300 m", "1e-300 m"], region = "foam")", "cells = [2, 2]", 2);
   expect_refused(checked(text), {"size: 1e-300 m is too small for a length", "from 1e-12 to 1e+06 m"}, "size");
   folder.write("bench.csv", beam_csv + "b,0.2,1e9\n");
-  expect_refused(checked(beam_toml), {"bench", "'tip' reads 1e+06 m", "a thousand times"}, "reading");
+  expect_refused(checked(beam_toml), {"bench", "'tip' reads 1000 km", "a thousand times"}, "reading");
   folder.write("m.msh",
                "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n1\n2 2 \"foam\"\n$EndPhysicalNames\n$Nodes\n3\n"
                "1 0 0 2e9\n2 10 0 0\n3 10 10 0\n$EndNodes\n$Elements\n1\n1 2 2 2 1 1 2 3\n$EndElements\n");
@@ -244,8 +245,9 @@ TEST_F(Limits, ALostStandardOutputIsAnErrorOfEveryCommand) {
   folder.write("experiment.toml", beam_toml);
   ASSERT_EQ(by_shell(folder, "true", "fit experiment.toml --no-variants --quiet --out run").code, 0);
   fs::copy_file(folder / "bench.csv", folder / "rows.csv");
-  for (const char* command : {"--help", "--version", "help init", "help man", "check experiment.toml", "schema",
-                              "replay experiment.toml --out r", "predict run --rows rows.csv", "report run"}) {
+  for (const char* command :
+       {"--help", "--version", "help init", "help man", "check experiment.toml", "schema experiment",
+        "replay experiment.toml --out r", "predict run --rows rows.csv", "report run"}) {
     for (const char* where : {">/dev/full", ">&-"}) {
       const Outcome outcome = by_shell(folder, "true", command, where);
       EXPECT_EQ(outcome.code, 2) << command << where << outcome.err;
