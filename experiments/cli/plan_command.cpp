@@ -22,6 +22,7 @@
 #include "experiments/cli/progress.hpp"
 #include "reports/estimate_text.hpp"
 #include "reports/run_record.hpp"
+#include "reports/simulation_run.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/numbers.hpp"
 #include "sim/core/units.hpp"
