@@ -24,10 +24,10 @@ std::vector<const AccuracyPoint*> by_time(const AccuracyChart& chart, const Runs
 }
 
 Json json_of(const AccuracyStudy& study, const Runs& runs, const AccuracyChart& chart, size_t missing) {
-  Json json{{"title", study.title},         {"data", study.simulated ? "simulated" : "measured"},
-            {"reference", chart.reference}, {"uncertainty", chart.uncertainty},
-            {"plane_section", chart.section},     {"missing", missing},
-            {"settings", Json::array()},    {"failed", Json::array()}};
+  Json json{{"title", study.title},           {"data", study.simulated ? "simulated" : "measured"},
+            {"reference", chart.reference},   {"uncertainty", chart.uncertainty},
+            {"plane_section", chart.section}, {"missing", missing},
+            {"settings", Json::array()},      {"failed", Json::array()}};
   for (const AccuracyPoint* point : by_time(chart, runs)) {
     const AccuracySetting& setting = study.settings[point->setting];
     const AccuracyRun& run = *runs[point->setting];
