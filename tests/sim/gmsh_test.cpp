@@ -126,7 +126,8 @@ TEST(GmshPolygons, DegenerateAndSelfCrossingPolygonsAreRefused) {
   expect_input_error([] { mesh_polygons({}, 0.1, 1); }, {"no polygons"});
   expect_input_error([] { mesh_polygons({square("", 0, 0, 1, 1)}, 0.1, 1); }, {"polygon 0", "no region name"});
   expect_input_error([] { mesh_polygons({square("a", 0, 0, 1, 1)}, 0.0, 1); }, {"size 0", "positive"});
-  expect_input_error([] { mesh_polygons({square("a", 0, 0, 1, 1)}, 1e-5, 1); }, {"0.01 mm", "elements", "larger"});
+  expect_input_error([] { mesh_polygons({square("a", 0, 0, 1, 1)}, 1e-5, 1); },
+                     {"1.6e+10 linear triangles", "fit", "make the elements"});
   expect_input_error([] { mesh_polygons({square("a", 0, 0, 1, 1)}, 0.1, 3); }, {"order 3"});
   PolygonRegion tagged = square("a", 0, 0, 1, 1);
   tagged.edge_tags = {"x", "y"};
