@@ -295,6 +295,29 @@ std::optional<Drawing> accuracy_steps(const AccuracyStudy& study, const Runs& ru
                                    &AccuracyPoint::step_error, judged.step_uncertainty})};
 }
 
+std::optional<Drawing> accuracy_models(const AccuracyStudy& study, const Runs& runs, const AccuracyChart& judged) {
+  if (judged.model_reference.empty()) return std::nullopt;
+  const Chart chart(study, runs, judged, &AccuracySetting::model);
+  std::string csv = "model,setting,in_use,seconds,factorisations,error_%,failure\n";
+  csv += line("reference", judged.model_reference, 0, "", "", 100 * judged.model_uncertainty, "");
+  for (const AccuracyPoint& point : judged.points) {
+    if (chart.shows(point.setting)) csv += chart.row(point.setting, 100 * point.model_error, "");
+  }
+  for (size_t i = 0; i < runs.size(); ++i) {
+    if (chart.failed(i)) csv += chart.row(i, "", runs[i]->failure);
+  }
+  const std::string caption = fmt::format(
+      "From the cheapest model to the solid: {}. The reference: {}. Within the grey band errors cannot be told from "
+      "its "
+      "own.",
+      judged.section, judged.model_reference);
+  return Drawing{{"accuracy_models", "How much model it needs", caption},
+                 csv,
+                 cost_page(chart, {"How much model it needs: from beams to the solid",
+                                   study.title + "; error to the solid, of the " + study.result,
+                                   &AccuracyPoint::model_error, judged.model_uncertainty})};
+}
+
 std::optional<Drawing> accuracy_parameters(const AccuracyStudy& study, const Runs& runs, const AccuracyChart& judged) {
   if (study.free.empty() || judged.points.empty()) return std::nullopt;
   const Chart chart(study, runs, judged, &AccuracySetting::axis);
@@ -334,7 +357,7 @@ std::vector<Figure> draw_accuracy(const AccuracyStudy& study, const std::vector<
   std::vector<Figure> figures;
   for (std::optional<plot::Drawing> drawing :
        {std::optional(plot::accuracy_cost(study, runs, chart)), plot::accuracy_steps(study, runs, chart),
-        plot::accuracy_parameters(study, runs, chart)}) {
+        plot::accuracy_models(study, runs, chart), plot::accuracy_parameters(study, runs, chart)}) {
     if (drawing) figures.push_back(plot::finished(std::move(*drawing), folder));
   }
   return figures;

@@ -160,6 +160,7 @@ struct Reference {
   Eigen::VectorXd in_use, scales;
   Eigen::VectorXd values, squares;  ///< squares of their relative errors
   Eigen::VectorXd step_limit;       ///< on the file's own mesh; empty: not known
+  Eigen::VectorXd solid;            ///< what `values` are of the plane section; empty: not known
 };
 
 /// The settings of a sequence that have a result, from coarse to fine; none where the one in use is alone.
@@ -173,40 +174,59 @@ std::vector<size_t> levels_of(const AccuracyStudy& study, const Runs& runs, cons
   return levels;
 }
 
+/// The limit of a sequence, relative to the scales; how it was come to.
+std::pair<Extrapolation, std::string> limit_of(const AccuracyStudy& study, const Runs& runs,
+                                               const std::string& sequence, const std::vector<size_t>& levels,
+                                               const Eigen::VectorXd& scales) {
+  std::vector<double> h;
+  Eigen::MatrixXd values(scales.size(), static_cast<Eigen::Index>(levels.size()));
+  for (size_t i : levels) {
+    values.col(static_cast<Eigen::Index>(h.size())) = runs[i]->values.cwiseQuotient(scales);
+    h.push_back(study.settings[i].sequences.at(sequence));
+  }
+  Extrapolation limit = extrapolate(h, values, study.highest_order.at(sequence));
+  const std::string& finest = study.settings[levels.back()].name;
+  std::string how = limit.measured
+                        ? fmt::format("{} extrapolated from {} with order {:.2g}", sequence, finest, limit.order)
+                        : fmt::format("{} from {}", sequence, finest);
+  return {std::move(limit), std::move(how)};
+}
+
+/// A single level tells nothing of its own error: as much as it is away from the setting in use is allowed for.
+Eigen::VectorXd error_of(const Extrapolation& limit, size_t levels, const Reference& reference) {
+  return levels > 1 ? limit.error
+                    : Eigen::VectorXd(limit.limit - reference.in_use.cwiseQuotient(reference.scales)).cwiseAbs();
+}
+
 /// Adds to the reference what is between the setting in use and the limit of a sequence.
 void add_sequence(const AccuracyStudy& study, const Runs& runs, const std::string& sequence,
                   const std::vector<size_t>& levels, Reference& reference, AccuracyChart& chart) {
-  std::vector<double> h;
-  Eigen::MatrixXd values(reference.in_use.size(), static_cast<Eigen::Index>(levels.size()));
-  for (size_t i : levels) {
-    values.col(static_cast<Eigen::Index>(h.size())) = runs[i]->values.cwiseQuotient(reference.scales);
-    h.push_back(study.settings[i].sequences.at(sequence));
-  }
-  const Extrapolation limit = extrapolate(h, values, study.highest_order.at(sequence));
+  const auto [limit, how] = limit_of(study, runs, sequence, levels, reference.scales);
   reference.values += limit.limit.cwiseProduct(reference.scales) - reference.in_use;
-  // A single level tells nothing of its own error: as much as it is away from the setting in use is allowed for.
-  reference.squares +=
-      (levels.size() > 1 ? limit.error
-                         : Eigen::VectorXd(limit.limit - reference.in_use.cwiseQuotient(reference.scales)))
-          .cwiseAbs2();
-  const std::string& finest = study.settings[levels.back()].name;
-  const std::string how = limit.measured
-                              ? fmt::format("{} extrapolated from {} with order {:.2g}", sequence, finest, limit.order)
-                              : fmt::format("{} from {}", sequence, finest);
+  reference.squares += error_of(limit, levels.size(), reference).cwiseAbs2();
   chart.reference += (chart.reference.empty() ? "" : "; ") + how;
-  if (sequence == "depth") {
-    const Eigen::VectorXd off = reference.in_use.cwiseQuotient(reference.scales) - limit.limit;
-    chart.section = fmt::format(
-        "the plane section in use is {:.2g} % off the solid (root mean square; {:.2g} % at most), which takes {:.2g} "
-        "times "
-        "as long",
-        100 * root_mean_square(off), 100 * off.cwiseAbs().maxCoeff(),
-        runs[levels.back()]->seconds / runs[in_use_of(study, runs)]->seconds);
-  }
   if (sequence != "step" || levels.size() < 2) return;
   reference.step_limit = limit.limit.cwiseProduct(reference.scales);
   chart.step_uncertainty = root_mean_square(limit.error);
   chart.step_reference = how;
+}
+
+/// What the solid is beyond the plane section in use, on the same mesh of it.
+void set_solid(const AccuracyStudy& study, const Runs& runs, Reference& reference, AccuracyChart& chart) {
+  const std::vector<size_t> levels = levels_of(study, runs, "depth");
+  if (levels.empty()) return;
+  const auto [limit, how] = limit_of(study, runs, "depth", levels, reference.scales);
+  const Eigen::VectorXd off = reference.in_use.cwiseQuotient(reference.scales) - limit.limit;
+  reference.solid = reference.values - off.cwiseProduct(reference.scales);
+  chart.model_uncertainty =
+      root_mean_square((reference.squares + error_of(limit, levels.size(), reference).cwiseAbs2()).cwiseSqrt());
+  chart.model_reference = chart.reference + (chart.reference.empty() ? "" : "; ") + how;
+  chart.section = fmt::format(
+      "the plane section in use is {:.2g} % off the solid (root mean square; {:.2g} % at most), which takes {:.2g} "
+      "times "
+      "as long",
+      100 * root_mean_square(off), 100 * off.cwiseAbs().maxCoeff(),
+      runs[levels.back()]->seconds / runs[in_use_of(study, runs)]->seconds);
 }
 
 AccuracyPoint point_of(const AccuracyStudy& study, size_t setting, const AccuracyRun& run, const Reference& reference) {
@@ -220,6 +240,8 @@ AccuracyPoint point_of(const AccuracyStudy& study, size_t setting, const Accurac
   point.from_setting_in_use = root_mean_square(from(reference.in_use));
   if (!study.settings[setting].integrator.empty() && reference.step_limit.size() > 0)
     point.step_error = root_mean_square(from(reference.step_limit));
+  if (!study.settings[setting].model.empty() && reference.solid.size() > 0)
+    point.model_error = root_mean_square(from(reference.solid));
   point.parameters = parameter_errors(study, run.values, run.derivatives, reference.values);
   return point;
 }
@@ -266,11 +288,12 @@ AccuracyChart judge(const AccuracyStudy& study, const Runs& runs) {
   const AccuracyRun& own = *runs[in_use_of(study, runs)];
   AccuracyChart chart;
   Reference reference{
-      own.values, scales_of(study, own.values), own.values, Eigen::VectorXd::Zero(own.values.size()), {}};
+      own.values, scales_of(study, own.values), own.values, Eigen::VectorXd::Zero(own.values.size()), {}, {}};
   for (const auto& [sequence, highest] : study.highest_order) {
     const std::vector<size_t> levels = levels_of(study, runs, sequence);
-    if (!levels.empty()) add_sequence(study, runs, sequence, levels, reference, chart);
+    if (!levels.empty() && sequence != "depth") add_sequence(study, runs, sequence, levels, reference, chart);
   }
+  set_solid(study, runs, reference, chart);
   if (chart.reference.empty()) {
     chart.reference = "the setting in use itself: nothing finer was run";
     reference.squares.setConstant(not_a_number);

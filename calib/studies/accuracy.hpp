@@ -31,6 +31,7 @@ struct AccuracySetting {
   std::string name;        ///< unique: "linear, 14 x 5 x 5 cells"
   bool in_use = false;     ///< as the file has it
   double cost = 0;         ///< a guess, to a factor: what is cheap is run first
+  std::string model;       ///< "plane section", "solid", "beam", ... of settings that are compared by it; else ""
   std::string integrator;  ///< over time: of settings that differ from the one in use in how they step alone; else ""
   bool may_hang = false;   ///< is given up after a tenth of the budget
   /// Sequences that tend to the answer, with the size that goes to zero: "mesh", "contact gap", "step", and "depth" of
@@ -80,11 +81,13 @@ struct AccuracyPoint {
       parameters;  ///< error of each free parameter that a fit would have; of its range if not logarithmic
   /// Of settings with an `integrator`: root mean square, to the limit of small steps on the file's own mesh.
   double step_error = not_a_number;
+  /// Of settings with a `model`: root mean square, to the limit of the solid. NaN: there is none.
+  double model_error = not_a_number;
   bool on_front = false;  ///< no setting is both faster and more accurate
 };
 
 /// The runs judged by a reference: the result in use, plus for each sequence what is between it and the sequence's
-/// limit.
+/// limit; "depth" counts for AccuracyPoint::model_error alone, lest what the plane section leaves out hides all else.
 struct AccuracyChart {
   std::vector<AccuracyPoint> points;          ///< of runs with a result
   double uncertainty = 0;                     ///< of the reference, root mean square; NaN: not known
@@ -94,8 +97,10 @@ struct AccuracyChart {
   /// How far the plane section in use is from the solid, and how many times as long the solid takes: one sentence; "":
   /// no solid has a result.
   std::string section;
-  double step_uncertainty = not_a_number;  ///< of the limit of small steps
-  std::string step_reference;              ///< "": there is none
+  double model_uncertainty = not_a_number;  ///< of the limit of the solid
+  std::string model_reference;              ///< "": there is none
+  double step_uncertainty = not_a_number;   ///< of the limit of small steps
+  std::string step_reference;               ///< "": there is none
 };
 
 /// Throws InputError when the setting in use has no result.

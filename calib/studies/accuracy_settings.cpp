@@ -328,6 +328,7 @@ void add_planes(AccuracyStudy& study, const Experiment& experiment, double own_w
     AccuracySetting solid = setting("as a solid", fmt::format("as a solid, {} cells across half of it", depth), e,
                                     work(make_mesh(e, e.mesh)));
     solid.sequences["depth"] = 1.0 / depth;
+    solid.model = "solid";
     add_setting(study, solid);
   }
 }
@@ -341,6 +342,7 @@ void add_cheaper_model(AccuracyStudy& study, const Experiment& experiment, Rung 
     return;
   }
   AccuracySetting one = named("cheaper models", fmt::format("model \"{}\"", name_of(rung)), cost);
+  one.model = name_of(rung);
   one.run = [=](const std::atomic<bool>& stop) {
     Experiment stopped = experiment;
     stopped.equilibrium.stop = &stop;
@@ -481,6 +483,10 @@ AccuracyStudy accuracy_study(const Experiment& experiment) {
         study, experiment, own_gap, +[](Experiment& e) -> double& { return e.mesh.contact_gap; }, on_own_mesh);
   if (experiment.geometry.dimension == 2) add_planes(study, experiment, own_work, setting);
   add_cheaper_models(study, experiment, trials, own_work);
+  for (AccuracySetting& one : study.settings) {
+    if (one.model.empty() && (one.axis.starts_with("linear") || one.axis.starts_with("quadratic")))
+      one.model = "plane section, " + one.axis;
+  }
   return study;
 }
 

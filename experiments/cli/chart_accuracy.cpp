@@ -41,6 +41,7 @@ Json json_of(const AccuracyStudy& study, const Runs& runs, const AccuracyChart& 
                                 {"largest_error", point->largest},
                                 {"parameter_errors", point->parameters},
                                 {"on_front", point->on_front}});
+    if (std::isfinite(point->model_error)) json["settings"].back()["model_error"] = point->model_error;
   }
   for (size_t i = 0; i < runs.size(); ++i) {
     if (runs[i] && !runs[i]->failure.empty())

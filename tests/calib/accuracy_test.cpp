@@ -114,6 +114,7 @@ TEST(Accuracy, WhatThePlaneSectionCostsIsSaidAgainstTheLimitOfTheSolid) {
   study.settings[0].sequences.clear();
   for (size_t i = 0; i < 4; ++i) {
     const double h = i == 0 ? 0 : std::pow(0.5, static_cast<double>(i - 1));
+    study.settings[i].model = i > 0 ? "solid" : "plane section";
     if (i > 0) study.settings[i].sequences = {{"depth", h}};
     study.settings[i].run = [i, h](const std::atomic<bool>&) {
       AccuracyRun run;
@@ -127,7 +128,8 @@ TEST(Accuracy, WhatThePlaneSectionCostsIsSaidAgainstTheLimitOfTheSolid) {
   EXPECT_EQ(
       chart.section,
       "the plane section in use is 5 % off the solid (root mean square; 5 % at most), which takes 1e+03 times as long");
-  EXPECT_NEAR(chart.points[0].error, 0.05, 1e-6) << "the reference is the solid's limit";
+  EXPECT_NEAR(chart.points[0].model_error, 0.05, 1e-6) << "to the solid's limit";
+  EXPECT_EQ(chart.points[0].error, 0) << "the reference of all else is the section's own";
   study.settings.resize(1);
   EXPECT_EQ(judge(study, run_settings(study, {10, folder / "b.csv", "f", nullptr, {}})).section, "");
 }

@@ -403,7 +403,8 @@ TEST_F(Command, AnAccuracyChartGoesOnWhereTheLastOneEnded) {
   EXPECT_EQ(error_of("model \"rod\""), -1) << "it does not describe this bench";
   const std::string table = text_of(charts + "/accuracy.csv");
   EXPECT_EQ(static_cast<size_t>(std::count(table.begin(), table.end(), '\n')), settings.size() + 1);
-  for (const std::string file : {"accuracy_cost.png", "accuracy_parameters.svg", "accuracy_cost.csv"})
+  for (const std::string file :
+       {"accuracy_cost.png", "accuracy_parameters.svg", "accuracy_models.svg", "accuracy_cost.csv"})
     EXPECT_TRUE(fs::exists(charts + "/figures/" + file)) << file;
   taut({"chart", "accuracy", experiment_, "--out", charts});
   EXPECT_EQ(text_of(charts + "/accuracy.csv"), table) << "nothing is run twice";

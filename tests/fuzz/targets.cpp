@@ -73,7 +73,7 @@ void take_csv(std::string_view bytes) {
 std::vector<std::string> csv_seeds() {
   return {"trial,load_N,tip_mm\na,0.05,1\na,0.1,2\nb,0.05,1.1\nb,0.1,2.1\n",
           "# a machine's\ntrial;load_N;tip_mm\n\"a\";0,05;1,5\n\"b\";1.000,5;NaN\n",
-          "\xEF\xBB\xBFtrial\tload\ttip\r\n\tN\tmm\r\na\t0.05\t1\r\nb\t0.05\t1\r\n"};
+          "\xEF\xBB\xBFtrial\tload_N\ttip_mm\r\na\t0.05\t1\r\nb\t0.05\t1\r\n"};
 }
 
 void take_experiment(std::string_view bytes) {
