@@ -203,6 +203,7 @@ Axis logarithmic_axis_over(const std::vector<double>& values, std::string label)
   if (low > 0) {
     axis.low = low / 1.2;
     axis.high = high * 1.2;
+    axis.step = round_step((axis.high - axis.low) / 6);
   }
   return axis;
 }

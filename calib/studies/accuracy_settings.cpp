@@ -325,8 +325,9 @@ void add_planes(AccuracyStudy& study, const Experiment& experiment, double own_w
   for (int depth : {1, 2}) {
     e = experiment;
     e.mesh.depth_cells = depth;
-    AccuracySetting solid = setting("as a solid", fmt::format("as a solid, {} cells across half of it", depth), e,
-                                    work(make_mesh(e, e.mesh)));
+    AccuracySetting solid =
+        setting("as a solid", fmt::format("as a solid, {} {} across half of it", depth, depth == 1 ? "cell" : "cells"),
+                e, work(make_mesh(e, e.mesh)));
     solid.sequences["depth"] = 1.0 / depth;
     solid.model = "solid";
     add_setting(study, solid);
