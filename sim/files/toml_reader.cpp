@@ -60,6 +60,12 @@ struct TableReader::Nodes {
     return *array;
   }
 
+  /// Of a node that is a number. The library has no double for whole numbers of more digits than a double's.
+  static double number_of(const toml::node& node) {
+    const auto whole = node.value_exact<int64_t>();
+    return whole ? static_cast<double>(*whole) : *node.value_exact<double>();
+  }
+
   /// `entry`: where in a list, from 1; 0: it is none.
   static double quantity(const TableReader& reader, const toml::node& node, std::string_view key, Quantity quantity,
                          size_t entry = 0) {
@@ -77,7 +83,7 @@ struct TableReader::Nodes {
       return value;
     }
     if (quantity == Quantity::pure && node.is_number()) {
-      const double value = *node.value<double>();
+      const double value = number_of(node);
       if (std::isfinite(value)) return value;
       reader.fail(key, "the number must be finite");
     }
@@ -230,7 +236,7 @@ std::optional<GivenValue> TableReader::optional_given(std::string_view key) {
   if (!has(key)) return std::nullopt;
   const toml::node& node = Nodes::get(*this, key);
   if (const auto value = node.value_exact<std::string>()) return GivenValue{*value, where(key)};
-  if (node.is_number()) return GivenValue{fmt::format("{}", *node.value<double>()), where(key)};
+  if (node.is_number()) return GivenValue{fmt::format("{}", Nodes::number_of(node)), where(key)};
   fail(key, "a number, or a text in quotes with a unit, belongs here");
 }
 
