@@ -273,17 +273,24 @@ Drawing accuracy_cost(const AccuracyStudy& study, const Runs& runs, const Accura
                         study.title + "; error of the " + study.result, &AccuracyPoint::error, judged.uncertainty})};
 }
 
+/// A line for each setting that is shown, those that failed last.
+std::string rows_of(const Chart& chart, double AccuracyPoint::*error) {
+  std::string csv;
+  for (const AccuracyPoint& point : chart.chart.points) {
+    if (chart.shows(point.setting)) csv += chart.row(point.setting, 100 * point.*error, "");
+  }
+  for (size_t i = 0; i < chart.runs.size(); ++i) {
+    if (chart.failed(i)) csv += chart.row(i, "", chart.runs[i]->failure);
+  }
+  return csv;
+}
+
 std::optional<Drawing> accuracy_steps(const AccuracyStudy& study, const Runs& runs, const AccuracyChart& judged) {
   if (judged.step_reference.empty()) return std::nullopt;
   const Chart chart(study, runs, judged, &AccuracySetting::integrator);
   std::string csv = "integrator,setting,in_use,seconds,factorisations,error_%,failure\n";
   csv += line("reference", judged.step_reference, 0, "", "", 100 * judged.step_uncertainty, "");
-  for (const AccuracyPoint& point : judged.points) {
-    if (chart.shows(point.setting)) csv += chart.row(point.setting, 100 * point.step_error, "");
-  }
-  for (size_t i = 0; i < runs.size(); ++i) {
-    if (chart.failed(i)) csv += chart.row(i, "", runs[i]->failure);
-  }
+  csv += rows_of(chart, &AccuracyPoint::step_error);
   const std::string caption = fmt::format(
       "The file's own mesh throughout, so that only the way through time differs. The reference: {}. "
       "Integrators of another making that come to the same are its best confirmation.",
@@ -300,12 +307,7 @@ std::optional<Drawing> accuracy_models(const AccuracyStudy& study, const Runs& r
   const Chart chart(study, runs, judged, &AccuracySetting::model);
   std::string csv = "model,setting,in_use,seconds,factorisations,error_%,failure\n";
   csv += line("reference", judged.model_reference, 0, "", "", 100 * judged.model_uncertainty, "");
-  for (const AccuracyPoint& point : judged.points) {
-    if (chart.shows(point.setting)) csv += chart.row(point.setting, 100 * point.model_error, "");
-  }
-  for (size_t i = 0; i < runs.size(); ++i) {
-    if (chart.failed(i)) csv += chart.row(i, "", runs[i]->failure);
-  }
+  csv += rows_of(chart, &AccuracyPoint::model_error);
   const std::string caption = fmt::format(
       "From the cheapest model to the solid: {}. The reference: {}. Within the grey band errors cannot be told from "
       "its "
