@@ -19,6 +19,7 @@
 #include "calib/runs/run_fit.hpp"
 #include "experiments/python/compute.hpp"
 #include "reports/fit_run.hpp"
+#include "reports/report.hpp"
 #include "reports/run_record.hpp"
 #include "sim/core/error.hpp"
 
@@ -289,7 +290,8 @@ class PyExperiment {
     const py::object result =
         found ? py::cast(Fitted(std::move(run.record), experiment_, kept && !out.empty())) : py::none();
     computation.raise(result);
-    return py::make_tuple(end, result, text(run.report_failure), failures);
+    return py::make_tuple(end, result, text(run.report_failure.empty() ? undrawn_figures() : run.report_failure),
+                          failures);
   }
 
  private:

@@ -30,7 +30,8 @@ inline pid_t start(const std::vector<std::string>& arguments, const std::string&
   std::fflush(nullptr);  // or the child would write what is buffered again
   const pid_t child = fork();
   if (child == 0) {
-    std::signal(SIGINT, SIG_DFL);  // a shell lets what it starts in the background ignore it
+    for (const int signal : {SIGINT, SIGHUP})
+      std::signal(signal, SIG_DFL);  // what a shell starts in the background ignores some
     const bool ready = chdir(folder.c_str()) == 0 && std::freopen("stdout.txt", "w", stdout) != nullptr &&
                        std::freopen("stderr.txt", "w", stderr) != nullptr;
     if (ready) execv(argv[0], argv.data());
