@@ -81,9 +81,9 @@ struct AccuracyPoint {
       parameters;  ///< error of each free parameter that a fit would have; of its range if not logarithmic
   /// Of settings with an `integrator`: root mean square, to the limit of small steps on the file's own mesh.
   double step_error = not_a_number;
+  bool on_front = false;  ///< no setting is both faster and more accurate
   /// Of settings with a `model`: root mean square, to the limit of the solid. NaN: there is none.
   double model_error = not_a_number;
-  bool on_front = false;  ///< no setting is both faster and more accurate
 };
 
 /// The runs judged by a reference: the result in use, plus for each sequence what is between it and the sequence's
