@@ -19,7 +19,7 @@ struct PlannedQuantity {
 
 /// Other rows for the same time.
 struct PlanComparison {
-  std::string what;  ///< "the cheapest rows of the bench once more (retraction = 0 mm)"
+  std::string what;  ///< "the bench's cheapest rows again (retraction = 0 mm)"
   size_t rows = 0;
   double minutes = 0;
   PlanWidths after{};
@@ -45,7 +45,7 @@ struct PlanReport {
 /// Which trial each of these rows is, from 1: a row that was chosen before is one more.
 std::vector<int> trials_of(const std::vector<size_t>& rows);
 
-/// "+- 0.36 kPa" beside a value in kPa, or "within a factor of 3.1".
+/// "+- 0.36 kPa" beside a value in kPa, or "factor 3.1" where that is more than half of it.
 std::string width_text(const PlannedQuantity& quantity, double half);
 
 /// The tables.
