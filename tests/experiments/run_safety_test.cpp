@@ -38,8 +38,8 @@ class Run : public testing::Test {
     return taut(arguments);
   }
   /// Starts a fit and returns once it has logged `bytes` of evaluations, or has ended.
-  pid_t fit_until(const std::string& out, uintmax_t bytes) {
-    const pid_t child = start({"fit", "experiment.toml", "--out", out, "--quiet"}, folder / "");
+  pid_t fit_until(const std::string& out, uintmax_t bytes, int ignored_signal = 0) {
+    const pid_t child = start({"fit", "experiment.toml", "--out", out, "--quiet"}, folder / "", ignored_signal);
     const std::string log = folder / out + "/.resume/evaluations";
     for (int i = 0; i < 60000; ++i) {
       std::error_code missing;
@@ -204,9 +204,7 @@ TEST_F(Run, PosesTakeNeitherAFitsNorASimulationsPlace) {
 }
 
 TEST_F(Run, ASignalThatTheCallerIgnoresStaysIgnored) {
-  std::signal(SIGHUP, SIG_IGN);  // as nohup does
-  const pid_t child = fit_until("run", 600);
-  std::signal(SIGHUP, SIG_DFL);
+  const pid_t child = fit_until("run", 600, SIGHUP);  // as nohup does
   kill(child, SIGHUP);
   EXPECT_EQ(finish(child, folder / "").code, 0);
 }

@@ -21,7 +21,7 @@ struct Outcome {
 };
 
 /// Starts the program with its streams in files; returns its process.
-inline pid_t start(const std::vector<std::string>& arguments, const std::string& folder) {
+inline pid_t start(const std::vector<std::string>& arguments, const std::string& folder, int ignored_signal = 0) {
   std::vector<std::string> words{TAUT_BINARY};
   words.insert(words.end(), arguments.begin(), arguments.end());
   std::vector<char*> argv;
@@ -32,6 +32,7 @@ inline pid_t start(const std::vector<std::string>& arguments, const std::string&
   if (child == 0) {
     for (const int signal : {SIGINT, SIGHUP})
       std::signal(signal, SIG_DFL);  // what a shell starts in the background ignores some
+    if (ignored_signal != 0) std::signal(ignored_signal, SIG_IGN);
     const bool ready = chdir(folder.c_str()) == 0 && std::freopen("stdout.txt", "w", stdout) != nullptr &&
                        std::freopen("stderr.txt", "w", stderr) != nullptr;
     if (ready) execv(argv[0], argv.data());
