@@ -129,6 +129,44 @@ void describe(auto&& a, Share& share) {
   if (a.there("moves")) a("moves", share.moves);
 }
 
+void describe(auto&& a, EnsembleMarginal& marginal) {
+  a("id", marginal.id);
+  a("unit", marginal.unit);
+  a("mean", marginal.mean);
+  a("deviation", marginal.deviation);
+  a("median", marginal.median);
+  a("interval95", std::tie(marginal.lower95, marginal.upper95));
+  if (a.there("total95", marginal.total_lower95 || marginal.total_upper95))
+    a("total95", std::tie(marginal.total_lower95, marginal.total_upper95));
+  a("width_to_parabola", marginal.width);
+  a("width_error", marginal.width_error);
+  a("verdict", marginal.verdict);
+}
+
+void describe(auto&& a, EnsembleMinimum& minimum) {
+  a("chi_squared", minimum.chi_squared);
+  a("starts", minimum.starts);
+  a("values", minimum.values);
+}
+
+void describe(auto&& a, EnsembleRecord& ensemble) {
+  a("kind", ensemble.kind);
+  a("how", ensemble.how);
+  a("verdict", ensemble.verdict);
+  a("asked", ensemble.asked);
+  a("finished", ensemble.finished);
+  a("failed", ensemble.failed);
+  a("outside", ensemble.outside);
+  a("seed", ensemble.seed);
+  a("effective", ensemble.effective);
+  a("evaluations", ensemble.evaluations);
+  a("parameters", ensemble.parameters);
+  a("correlation", ensemble.correlation);
+  a("bands", ensemble.bands);
+  a("minima", ensemble.minima);
+  a("failures", ensemble.failures);
+}
+
 void describe(auto&& a, FrictionRow& row) {
   a("channel", row.channel);
   a("controls", row.controls);
@@ -324,6 +362,7 @@ void describe(auto&& a, RunRecord& record) {
   a("diagnostics", record.diagnostics);
   if (a.there("swings")) a("swings", record.swings);
   a("references", record.references);
+  if (a.there("ensembles", !record.ensembles.empty())) a("ensembles", record.ensembles);
   a["setup"].walk_list(record.setup, [](auto&& line, auto& pair) {
     line("name", pair.first);
     line("value", pair.second);

@@ -12,6 +12,7 @@
 #include "calib/runs/equilibria.hpp"
 #include "calib/runs/shapes.hpp"
 #include "calib/studies/assumption_shares.hpp"
+#include "calib/studies/ensemble.hpp"
 #include "calib/studies/lip_friction.hpp"
 
 namespace taut {
@@ -140,6 +141,7 @@ struct RunRecord {
   std::vector<DiagnosticRecord> diagnostics;
   std::vector<SwingRecord> swings;
   std::vector<ReferenceRecord> references;
+  std::vector<EnsembleRecord> ensembles;     ///< of each kind at most one; empty: not asked for
   std::vector<EquilibriaRecord> equilibria;  ///< rows that have two, or are near where one ends
   std::vector<std::string> remarks;          ///< what a reader must know: data recognised, folded elements, failures
   double replay_seconds = 0;                 ///< one cold replay of all rows

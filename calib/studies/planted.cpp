@@ -10,7 +10,7 @@
 #include "calib/benches/specimens.hpp"
 #include "calib/models/beam_model.hpp"
 #include "calib/studies/assumption_shares.hpp"
-#include "calib/studies/draws.hpp"
+#include "sim/core/draws.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/stopwatch.hpp"
 #include "sim/shapes/push_puppet.hpp"

@@ -13,6 +13,7 @@
 #include <string_view>
 
 #include "calib/data/files.hpp"
+#include "calib/studies/crew.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/stopwatch.hpp"
 
@@ -21,7 +22,8 @@ namespace {
 
 constexpr const char* fingerprint_column = "fingerprint";
 
-/// A line of a table, without its end.
+}  // namespace
+
 std::string line_of(const Cells& cells) {
   std::string line;
   for (size_t k = 0; k < cells.size(); ++k) {
@@ -37,6 +39,8 @@ std::string line_of(const Cells& cells) {
   return line;
 }
 
+namespace {
+
 constexpr const char* check_column = "check";
 
 /// The line with its checksum behind it.
@@ -50,6 +54,8 @@ std::optional<std::string> unsealed(const std::string& text) {
   if (comma == std::string::npos || sealed(text.substr(0, comma)) != text) return std::nullopt;
   return text.substr(0, comma);
 }
+
+}  // namespace
 
 Cells cells_of(const std::string& line) {
   Cells cells(1);
@@ -68,8 +74,6 @@ Cells cells_of(const std::string& line) {
   return quoted ? Cells() : cells;
 }
 
-}  // namespace
-
 std::string fingerprint_of(const std::vector<std::string>& files) {
   std::string text;
   for (const std::string& file : files) text += (text.empty() ? "" : "-") + sha256_of(file).substr(0, 8);
@@ -85,27 +89,49 @@ std::uint32_t crc32_of(std::string_view text) {
   return ~crc;
 }
 
-StudyStore::StudyStore(std::string path, Cells columns, size_t keys, std::string fingerprint)
-    : path_(std::move(path)), columns_(std::move(columns)), keys_(keys), fingerprint_(std::move(fingerprint)) {
-  if (!std::filesystem::exists(path_)) return;
-  const std::string text = read_file(path_), old = line_of(columns_) + "\n", header = header_line() + "\n";
-  checked_ = !text.starts_with(old);  // a table that was begun before lines had checksums goes on without
-  const std::string& begins = checked_ ? header : old;
+StudyStore::StudyStore(const std::string& path, Cells columns, size_t keys, std::string fingerprint,
+                       const std::string& writer)
+    : path_(path), columns_(std::move(columns)), keys_(keys), fingerprint_(std::move(fingerprint)) {
+  namespace fs = std::filesystem;
+  const std::string stem = fs::path(path).stem().string(), extension = fs::path(path).extension().string();
+  const fs::path folder = fs::path(path).parent_path();
+  std::vector<std::string> files{path};
+  std::error_code missing;
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder.empty() ? "." : folder, missing)) {
+    const std::string name = entry.path().filename().string();
+    if (name.starts_with(stem + ".") && name.ends_with(extension) && name.find("-of-") != std::string::npos)
+      files.push_back((folder / name).string());
+  }
+  std::ranges::sort(files);
+  if (!writer.empty()) path_ = (folder / fmt::format("{}.{}{}", stem, writer, extension)).string();
+  for (const std::string& file : files) {
+    const bool checked = read(file);
+    if (file == path_) checked_ = checked;
+  }
+}
+
+/// Takes what stands in a file of the table; whether its lines have, or are to have, checksums.
+bool StudyStore::read(const std::string& path) {
+  if (!std::filesystem::exists(path)) return true;
+  const std::string text = read_file(path), old = header_line(false) + "\n", header = header_line(true) + "\n";
+  const bool checked = !text.starts_with(old);  // a table that was begun before lines had checksums goes on without
+  const std::string& begins = checked ? header : old;
   if (text.compare(0, begins.size(), begins, 0, text.size()) != 0) {
-    throw InputError(fmt::format("{}: is not a table with the columns {}; move it away, or name another folder", path_,
+    throw InputError(fmt::format("{}: is not a table with the columns {}; move it away, or name another folder", path,
                                  join(columns_)));
   }
   size_t begin = begins.size();
   for (size_t end; begin < text.size() && (end = text.find('\n', begin)) != std::string::npos; begin = end + 1)
-    remember(text.substr(begin, end - begin));
+    remember(text.substr(begin, end - begin), checked);
+  return checked;
 }
 
-std::string StudyStore::header_line() const {
-  return line_of(columns_) + (checked_ ? fmt::format(",{}", check_column) : "");
+std::string StudyStore::header_line(bool checked) const {
+  return line_of(columns_) + (checked ? fmt::format(",{}", check_column) : "");
 }
 
-void StudyStore::remember(const std::string& text) {
-  const std::optional<std::string> line = checked_ ? unsealed(text) : text;
+void StudyStore::remember(const std::string& text, bool checked) {
+  const std::optional<std::string> line = checked ? unsealed(text) : text;
   if (!line) return;
   Cells cells = cells_of(*line);
   const auto place = std::ranges::find(columns_, fingerprint_column) - columns_.begin();
@@ -124,7 +150,7 @@ void StudyStore::add(const Cells& key, const Cells& result) {
   Cells cells = key;
   cells.insert(cells.end(), result.begin(), result.end());
   cells.insert(cells.begin() + (std::ranges::find(columns_, fingerprint_column) - columns_.begin()), fingerprint_);
-  append_line(path_, header_line(), checked_ ? sealed(line_of(cells)) : line_of(cells));
+  append_line(path_, header_line(checked_), checked_ ? sealed(line_of(cells)) : line_of(cells));
   results_[key] = result;
 }
 
@@ -141,14 +167,22 @@ Deadline::Deadline(double seconds, const std::atomic<bool>* stop)
         }
       }) {}
 
+bool StudyOptions::is_part() const {
+  return shard.count > 1 || (messages != nullptr && messages->rank() > 0);
+}
+
 void run_study(const Study& study, const StudyOptions& options) {
-  StudyStore store(options.file, study.columns, study.keys, options.fingerprint);
+  if (options.messages != nullptr && options.messages->rank() > 0) return work_for(*options.messages, study, options);
+  const bool whole = options.shard.count == 1;
+  StudyStore store(options.file, study.columns, study.keys, options.fingerprint,
+                   whole ? "" : fmt::format("{}-of-{}", options.shard.index + 1, options.shard.count));
   std::vector<size_t> missing;
-  double rate = 0;  // seconds per unit of cost, by the run before
   for (size_t i = 0; i < study.settings.size(); ++i) {
     const Cells* known = store.find(study.settings[i].key);
-    if (known == nullptr || !study.take(i, *known)) missing.push_back(i);
+    if ((known == nullptr || !study.take(i, *known)) && options.shard.has(i)) missing.push_back(i);
   }
+  if (options.messages != nullptr) return hand_out(*options.messages, study, options, missing);
+  double rate = 0;  // seconds per unit of cost, by the run before
   const Stopwatch watch;
   size_t made = 0, done = study.settings.size() - missing.size();
   for (size_t i : missing) {

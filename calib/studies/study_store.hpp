@@ -1,5 +1,6 @@
 #pragma once
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <map>
@@ -12,6 +13,10 @@
 namespace taut {
 
 using Cells = std::vector<std::string>;  ///< a line of a table
+/// It as CSV, without its end; cells may hold commas and quotes, and ends of lines become spaces.
+std::string line_of(const Cells& cells);
+/// What line_of() was given; empty: a quotation that does not end.
+Cells cells_of(const std::string& line);
 
 /// Stands for the contents of the files that a result is made from. Throws InputError for one that cannot be read.
 std::string fingerprint_of(const std::vector<std::string>& files);
@@ -24,24 +29,30 @@ std::uint32_t crc32_of(std::string_view text);
 /// line that is not whole, or was changed, is passed over. Tables that were begun before there were checksums go on
 /// without; in them only a last line without its end is passed over. Lines with another fingerprint, and what is no
 /// line of this table, are left alone and not used.
+///
+/// Processes that work on one study write a file each, so that no two append to one: "name.WRITER.csv" beside
+/// "name.csv". All that are there are read.
 class StudyStore {
  public:
-  /// `columns` are the file's, "fingerprint" among them; the first `keys` of the others together name a result. Throws
-  /// InputError for a file that cannot be read or holds another table.
-  StudyStore(std::string path, Cells columns, size_t keys, std::string fingerprint);
+  /// `columns` are the file's, "fingerprint" among them; the first `keys` of the others together name a result.
+  /// `writer` names this process among several; "": it is the only one. Throws InputError for a file that cannot be
+  /// read or holds another table.
+  StudyStore(const std::string& path, Cells columns, size_t keys, std::string fingerprint,
+             const std::string& writer = "");
   /// What stands in the columns after the key; nullptr: nothing yet.
   const Cells* find(const Cells& key) const;
   /// Throws InputError when the file cannot be written.
   void add(const Cells& key, const Cells& result);
 
  private:
-  std::string header_line() const;
-  void remember(const std::string& text);
-  std::string path_;
+  std::string header_line(bool checked) const;
+  bool read(const std::string& path);
+  void remember(const std::string& text, bool checked);
+  std::string path_;  ///< of the file that this process writes
   Cells columns_;
   size_t keys_;
   std::string fingerprint_;
-  bool checked_ = true;  ///< whether its lines have checksums
+  bool checked_ = true;  ///< whether the lines of that file have checksums
   std::map<Cells, Cells> results_;
 };
 
@@ -87,6 +98,15 @@ struct Study {
   std::function<bool(size_t setting, const Cells& cells)> take;
 };
 
+/// The part of a study that a process runs by itself: settings whose number leaves this rest.
+struct Shard {
+  size_t index = 0, count = 1;
+
+  bool has(size_t setting) const { return setting % count == index; }
+};
+
+class Messages;
+
 /// What a study may take, and where it keeps its results.
 struct StudyOptions {
   double budget = 300;      ///< [s] for new runs
@@ -95,9 +115,15 @@ struct StudyOptions {
   const std::atomic<bool>* stop = nullptr;
   /// Told before each run: what it is, how many of how many are done.
   std::function<void(const std::string& what, size_t done, size_t all)> progress;
+  Shard shard = {};  ///< of several processes that know nothing of each other
+  /// Whether what this process runs is a part that another one sums up.
+  bool is_part() const;
+  Messages* messages = nullptr;  ///< to and from the processes that this one works with (crew.hpp); null: none
 };
 
-/// Takes what the store has, then runs the rest in order until the budget is used up or `stop` was raised.
+/// Takes what the store has, then runs the rest (of its shard) in order until the budget is used up or `stop` was
+/// raised. With messages the process of rank 0 hands the settings out and takes all results; the others run them, each
+/// into its own file of the store, and take none.
 void run_study(const Study& study, const StudyOptions& options);
 
 }  // namespace taut

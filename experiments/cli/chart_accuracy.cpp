@@ -82,6 +82,7 @@ int chart_accuracy(const CommandOptions& options) {
                            study.settings.size(), options.budget, folder.study.file));
   const Runs runs = run_settings(study, folder.study);
   const auto missing = static_cast<size_t>(std::count(runs.begin(), runs.end(), std::nullopt));
+  if (folder.study.is_part()) return close_chart(options, missing, runs.size(), progress);
   if (missing == runs.size() && options.interrupted()) return exit_interrupted;
   const AccuracyChart chart = judge(study, runs);
   progress.show("drawing");

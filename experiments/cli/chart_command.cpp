@@ -3,6 +3,7 @@
 #include <boost/program_options.hpp>
 
 #include "experiments/cli/chart.hpp"
+#include "experiments/cli/ensemble_output.hpp"
 #include "experiments/cli/progress.hpp"
 #include "sim/core/error.hpp"
 #include "sim/files/simulation.hpp"
@@ -43,6 +44,7 @@ int chart_main(const CommandOptions& options) {
 void add_chart_options(AddOption add, CommandOptions& options) {
   add_out(add, options, "folder of figures and tables; default: runs/<name of the experiment's folder>/charts");
   add_threads(add, options);
+  add_shard(add, options);
   add("budget", boost::program_options::value(&options.budget)->value_name("SECONDS"),
       "time for its simulations; default: 300. What does not fit in is left to the next run");
 }
@@ -74,6 +76,8 @@ ChartFolder open_chart(const CommandOptions& options, const std::string& chart, 
   folder.study.file = (folder.path / (chart + ".csv")).string();
   folder.study.fingerprint = fingerprint_of(std::visit([](const auto& one) { return files_of(one); }, charted));
   folder.study.stop = options.stop;
+  folder.study.shard = shard_of(options);
+  folder.study.messages = options.messages;
   folder.study.progress = [&progress](const std::string& what, size_t done, size_t all) {
     progress.show(fmt::format("{} ({} of {})", what, done + 1, all));
   };
@@ -81,22 +85,27 @@ ChartFolder open_chart(const CommandOptions& options, const std::string& chart, 
 }
 
 int close_chart(const CommandOptions& options, size_t missing, size_t all, Progress& progress) {
-  if (missing > 0)
+  if (!options.shard.empty())
+    progress.say(fmt::format("{} of {} settings are there; once all are, the same command without --shard draws them",
+                             all - missing, all));
+  else if (missing > 0)
     progress.say(
         fmt::format("{} of {} settings are missing; run it again to go on, or with a larger --budget", missing, all));
   return options.interrupted() ? exit_interrupted : exit_ok;
 }
 
 Command chart_command() {
-  return {"chart",
-          "accuracy|stability|planted FILE",
-          "Charts error against cost over meshes, elements and solver settings (accuracy), where methods fail "
-          "(stability), or how often fits of modules with a known truth find it (planted).",
-          "  taut chart accuracy experiments/silicone_block/experiment.toml --budget 300\n"
-          "  taut chart stability experiments/push_puppet/experiment.toml\n",
-          add_chart_options,
-          chart_main,
-          {&CommandOptions::name, &CommandOptions::target}};
+  Command command{"chart",
+                  "accuracy|stability|planted FILE",
+                  "Charts error against cost over meshes, elements and solver settings (accuracy), where methods fail "
+                  "(stability), or how often fits of modules with a known truth find it (planted).",
+                  "  taut chart accuracy experiments/silicone_block/experiment.toml --budget 300\n"
+                  "  taut chart stability experiments/push_puppet/experiment.toml\n",
+                  add_chart_options,
+                  chart_main,
+                  {&CommandOptions::name, &CommandOptions::target}};
+  command.together = true;
+  return command;
 }
 
 }  // namespace taut

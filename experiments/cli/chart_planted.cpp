@@ -36,6 +36,8 @@ int chart_planted(const CommandOptions& options) {
     throw InputError(options.target + ": a simulation has no readings to plant; name a push_puppet experiment");
   const ChartFolder folder = open_chart(options, "planted", charted, progress);
   const auto results = run_planted(*base, planted_count, folder.study);
+  const auto missing = static_cast<size_t>(std::count(results.begin(), results.end(), std::nullopt));
+  if (folder.study.is_part()) return close_chart(options, missing, results.size(), progress);
   Rate converged, alike, fits, noise, total;
   double dearest = 0;
   nlohmann::ordered_json list = nlohmann::ordered_json::array();
@@ -89,8 +91,7 @@ int chart_planted(const CommandOptions& options) {
         "range: {}\nnoise intervals that hold the truth, dimensions exact: {}; intervals in all, dimensions off by "
         "their tolerances: {}\nthe dearest search took {:.1f} cold replays\n",
         converged.text(), alike.text(), fits.text(), noise.text(), total.text(), dearest);
-  return close_chart(options, static_cast<size_t>(std::count(results.begin(), results.end(), std::nullopt)),
-                     results.size(), progress);
+  return close_chart(options, missing, results.size(), progress);
 }
 
 }  // namespace taut

@@ -74,13 +74,13 @@ int chart_stability(const CommandOptions& options) {
     const auto empty = static_cast<size_t>(std::count(runs[k].begin(), runs[k].end(), std::nullopt));
     missing += empty;
     all += map.cells();
-    if (empty == map.cells()) continue;
+    if (empty == map.cells() || folder.study.is_part()) continue;
     result.push_back(counts_of(map, runs[k]));
     if (!options.json) print_counts(result.back());
     draw_stability(map, runs[k], title, has_simulated_data(charted), folder.path.string());
     progress.say(fmt::format("wrote {}", (folder.path / "figures" / ("stability_" + map.id + ".svg")).string()));
   }
-  if (options.json) print_json(Json{{"maps", result}, {"runs_left", missing}});
+  if (options.json && !folder.study.is_part()) print_json(Json{{"maps", result}, {"runs_left", missing}});
   return close_chart(options, missing, all, progress);
 }
 

@@ -32,12 +32,14 @@ Command score_command();
 Command export_command();
 Command compare_command();
 Command recheck_command();
+Command ensemble_command();
 
 const std::vector<Command>& all_commands() {
-  static const std::vector<Command> all{
-      init_command(),     schema_command(), check_command(),    draw_command(),    replay_command(), fit_command(),
-      simulate_command(), ik_command(),     optimise_command(), predict_command(), tune_command(),   plan_command(),
-      export_command(),   score_command(),  compare_command(),  recheck_command(), chart_command(),  report_command()};
+  static const std::vector<Command> all{init_command(),     schema_command(),  check_command(),    draw_command(),
+                                        replay_command(),   fit_command(),     simulate_command(), ik_command(),
+                                        optimise_command(), predict_command(), tune_command(),     plan_command(),
+                                        export_command(),   score_command(),   compare_command(),  recheck_command(),
+                                        ensemble_command(), chart_command(),   report_command()};
   return all;
 }
 

@@ -13,6 +13,8 @@ class options_description_easy_init;
 
 namespace taut {
 
+class Messages;
+
 /// Exit codes of the command `taut`.
 enum ExitCode {
   exit_ok = 0,
@@ -50,15 +52,19 @@ struct CommandOptions {
   double minutes = 0;                      ///< plan: bench time; 0: not said
   std::string setup = "5 min", rest = "1 min", reading = "1 min";  ///< plan: costs
   int draws = 8;                                                   ///< plan: of the parameters
-  unsigned seed = 1;                                               ///< plan: of the draws
-  std::string format;                                              ///< export: what for
-  std::vector<std::string> retractions;                            ///< export: the states
-  std::string largest;                                             ///< export: the load up to which it holds
-  int hinges = 10;                                                 ///< export: of bodies that are no modules
-  std::string experiment;                                          ///< score: the file that says what the columns are
-  std::vector<std::string> channels;  ///< score: columns that were measured; export: the one followed
-  double sigmas = 3;                  ///< compare: beyond which a parameter differs
-  bool no_fit = false;                ///< recheck: without the fit
+  unsigned seed = 1;                                               ///< plan, ensemble: of the draws
+  int members = 0;                                                 ///< ensemble: how many; 0: not said
+  int posterior = 0;                                               ///< fit: draws of the posterior; 0: none
+  std::string shard;                                               ///< ensemble, chart: "I/N"; "": all
+  Messages* messages = nullptr;          ///< to the processes that mpirun started beside this one; null: none
+  std::string format;                    ///< export: what for
+  std::vector<std::string> retractions;  ///< export: the states
+  std::string largest;                   ///< export: the load up to which it holds
+  int hinges = 10;                       ///< export: of bodies that are no modules
+  std::string experiment;                ///< score: the file that says what the columns are
+  std::vector<std::string> channels;     ///< score: columns that were measured; export: the one followed
+  double sigmas = 3;                     ///< compare: beyond which a parameter differs
+  bool no_fit = false;                   ///< recheck: without the fit
   bool json = false;
   bool quiet = false;
   bool no_variants = false;  ///< fit: without the [[fit.variant]] ones
@@ -87,7 +93,8 @@ struct Command {
   int (*run)(const CommandOptions& options) = nullptr;
   /// Where the words go that are no options; the last one is needed.
   std::vector<std::string CommandOptions::*> positional = {&CommandOptions::target};
-  bool several = false;  ///< further words go to CommandOptions::further
+  bool several = false;   ///< further words go to CommandOptions::further
+  bool together = false;  ///< its work is shared among the processes that mpirun starts
 };
 
 /// This one, as it was called.

@@ -7,6 +7,7 @@
 
 #include "calib/runs/open_bench.hpp"
 #include "experiments/cli/commands.hpp"
+#include "experiments/cli/ensemble_output.hpp"
 #include "experiments/cli/print.hpp"
 #include "experiments/cli/progress.hpp"
 #include "reports/fit_run.hpp"
@@ -70,14 +71,20 @@ int fit_main(const CommandOptions& options) {
   FitJob job{program_of(options), run_folder(options), !options.no_variants, options.fresh, options.stop};
   job.say = [&](const std::string& line) { progress.say(line); };
   job.show = [&](const std::string& line) { progress.show(line); };
-  const FitRun run = fit_bench(*bench, job);
+  const unsigned draws = members_asked(options.posterior, "--posterior", 0);
+  FitRun run = fit_bench(*bench, job);
   if (const auto code = came_to_nothing(options, run, job.folder, progress)) return *code;
 
   const RunRecord& record = run.record;
+  std::optional<EnsembleRun> posterior;
+  const EnsembleTask task{EnsembleKind::posterior, draws};
+  if (draws > 0 && record.fit.status == FitStatus::converged && !record.interrupted)
+    posterior = run_ensemble_of(run.record, *bench, task, ensemble_options(options, progress), job.folder);
   if (options.json)
     fmt::print("{}\n", to_json(record));
   else
     print_fit(record);
+  if (posterior) print_ensemble(*posterior, task, progress, !options.json);
   std::for_each(record.remarks.begin() + static_cast<std::ptrdiff_t>(run.said), record.remarks.end(),
                 [&](const std::string& remark) { progress.say("note: " + remark); });
   progress.say(cost_text(record));
@@ -90,6 +97,8 @@ void add_fit_options(AddOption add, CommandOptions& options) {
   add_out(add, options);
   add_threads(add, options);
   add("no-variants", po::bool_switch(&options.no_variants), "leave out the refits with other meshes");
+  add("posterior", po::value(&options.posterior)->value_name("N"),
+      "then N draws from the posterior of the parameters (see `taut ensemble`); default: none");
   add("fresh", po::bool_switch(&options.fresh), "start anew where an interrupted run would be gone on with");
 }
 

@@ -17,6 +17,7 @@
 
 #include "experiments/cli/commands.hpp"
 #include "experiments/cli/manual.hpp"
+#include "experiments/cli/mpi.hpp"
 #include "experiments/cli/topics.hpp"
 #include "experiments/cli/version.hpp"
 #include "reports/report.hpp"
@@ -145,9 +146,14 @@ int run(const std::vector<std::string>& arguments) {
   for (const Command& command : all_commands()) {
     names.push_back(command.name);
     if (command.name != arguments[0]) continue;
-    const auto options = parse(command, {arguments.begin() + 1, arguments.end()});
+    auto options = parse(command, {arguments.begin() + 1, arguments.end()});
     if (!options) return exit_ok;
     if (reserve_blas_buffers(1) < 1) throw std::bad_alloc();
+    if ((options->messages = mpi_messages()) != nullptr) {
+      if (!command.together)
+        throw InputError(fmt::format("taut {}: is the work of one process; start it without mpirun", command.name));
+      options->quiet = options->quiet || options->messages->rank() > 0;
+    }
     return with_figures(command.run(*options));
   }
   throw InputError(fmt::format("unknown command '{}'{}; commands: {}", arguments[0], did_you_mean(arguments[0], names),
@@ -246,5 +252,5 @@ int main(int argc, char** argv) {
   std::signal(SIGPIPE, SIG_IGN);  // a reader that ends early must not end a run
   std::set_terminate(taut::on_terminate);
   taut::use_one_blas_thread();
-  return taut::end_output(taut::guarded({argv + 1, argv + argc}));
+  return taut::leave_mpi(taut::end_output(taut::guarded({argv + 1, argv + argc})));
 }

@@ -18,6 +18,18 @@ TEST(Distributions, HoldTheTabulatedCriticalValues) {
   EXPECT_NEAR(t_quantile(0.025, 4), -2.776, 5e-4);
 }
 
+// Abramowitz and Stegun, Handbook of Mathematical Functions, table 26.1, and Kolmogorov's limits 1.358 and 1.628
+// at 5 % and 1 % (Smirnov 1948).
+TEST(Distributions, OfTheNormalOneAndKolmogorovs) {
+  EXPECT_NEAR(normal_density(1), 0.24197, 1e-5);
+  EXPECT_NEAR(normal_probability(1.96), 0.97500, 1e-5);
+  EXPECT_NEAR(normal_quantile(0.975), 1.95996, 1e-5);
+  EXPECT_NEAR(kolmogorov_probability(1.358e-3, 1'000'000), 0.05, 1e-3);
+  EXPECT_NEAR(kolmogorov_probability(1.628e-3, 1'000'000), 0.01, 1e-3);
+  EXPECT_NEAR(kolmogorov_probability(0.1340, 100), 0.05, 3e-3);  // exact for 100: Birnbaum 1952
+  EXPECT_EQ(kolmogorov_probability(0, 10), 1);
+}
+
 TEST(Distributions, NothingIsUnlikelyWithoutDegreesOfFreedom) {
   EXPECT_EQ(chi_squared_probability(100, 0), 1);
 }

@@ -1,0 +1,460 @@
+#include "calib/studies/ensemble.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <new>
+#include <set>
+#include <sstream>
+
+#include "calib/fit/distributions.hpp"
+#include "calib/fit/gauss_newton.hpp"
+#include "calib/fit/goodness_of_fit.hpp"
+#include "calib/fit/posterior.hpp"
+#include "calib/fit/profile.hpp"
+#include "calib/studies/assumption_shares.hpp"
+#include "sim/core/draws.hpp"
+#include "sim/core/error.hpp"
+#include "sim/core/stopwatch.hpp"
+
+namespace taut {
+namespace {
+
+constexpr const char* fine = "ok";
+constexpr const char* beyond = "outside";
+constexpr size_t enough_trials = 5;    ///< from so many on trials are drawn anew, else noise
+constexpr int fewest_members = 20;     ///< from which a distribution is described
+constexpr double of_good_ends = 0.15;  ///< as a part of the parabola's half width: nobody decides otherwise for less
+
+/// The text of one number that reads back to the same bits.
+std::string exact(double value) {
+  return fmt::format("{}", value);
+}
+
+std::string exact_words(const std::vector<double>& values) {
+  std::string text;
+  for (double value : values) text += (text.empty() ? "" : " ") + exact(value);
+  return text;
+}
+
+std::vector<double> numbers_of(const std::string& text) {
+  std::vector<double> values;
+  std::istringstream in(text);
+  for (std::string word; in >> word;) values.push_back(std::strtod(word.c_str(), nullptr));
+  return values;
+}
+
+const Cells member_columns{"fingerprint", "seed",        "number", "status",   "log_weight",
+                           "chi_squared", "evaluations", "values", "predicted"};
+
+Cells cells_of_member(const EnsembleMember& member) {
+  return {member.status,
+          exact(member.log_weight),
+          exact(member.chi_squared),
+          std::to_string(member.evaluations),
+          exact_words(member.values),
+          exact_words(member.predicted)};
+}
+
+/// What cells_of_member() was given; nothing when it does not fit this bench.
+std::optional<EnsembleMember> member_of(const Cells& cells, size_t parameters) {
+  EnsembleMember member{cells[0],
+                        numbers_of(cells[4]),
+                        std::strtod(cells[1].c_str(), nullptr),
+                        std::strtod(cells[2].c_str(), nullptr),
+                        numbers_of(cells[5]),
+                        std::atoi(cells[3].c_str())};
+  if (!member.values.empty() && member.values.size() != parameters) return std::nullopt;
+  return member;
+}
+
+/// Makes members one by one.
+class Members {
+ public:
+  Members(const Bench& bench, const FitResult& fit, const EnsembleTask& task, const std::atomic<bool>* stop)
+      : bench_(bench),
+        protocol_(bench.protocol()),
+        fit_(fit),
+        task_(task),
+        free_(free_at(fit, protocol_.parameters())) {
+    if (fit.status != FitStatus::converged || fit.covariance.size() == 0)
+      throw InputError(fmt::format("the fit has no optimum to draw around ({}); fit it again", name_of(fit.status)));
+    options_.held = fit.p;
+    options_.stop = stop;
+    options_.profiles = options_.recover = false;
+    if (task.kind == EnsembleKind::posterior) {
+      sampler_.emplace(protocol_, bench.measurements(), free_, options_);
+      check_optimum(sampler_->chi_squared());
+    } else {
+      start();
+    }
+  }
+
+  /// Nothing when it was interrupted.
+  std::optional<EnsembleMember> make(unsigned number) {
+    try {
+      EnsembleMember member = task_.kind == EnsembleKind::posterior   ? drawn(number)
+                              : task_.kind == EnsembleKind::bootstrap ? refitted(number)
+                                                                      : from_elsewhere(number);
+      if (options_.stop != nullptr && options_.stop->load()) return std::nullopt;
+      return member;
+    } catch (const std::bad_alloc&) {
+      throw;
+    } catch (const std::exception& error) {
+      return EnsembleMember{error.what()};
+    }
+  }
+
+ private:
+  /// One prediction along the protocol's own path, from which all fits go on.
+  void start() {
+    protocol_.forget();
+    const Prediction there = protocol_.predict(fit_.p, indices_of(free_));
+    if (!there.complete()) throw InputError(there.failures.front());
+    check_optimum(noise_scaled(there, bench_.measurements()).residuals.squaredNorm());
+    at_optimum_ = there.values;
+    state_ = protocol_.state();
+    size_t i = 0;
+    for (const BenchReading& reading : bench_.readings()) {
+      if (!reading.excluded) trials_[reading.trial].push_back(i++);
+    }
+    if (i != bench_.measurements().size()) trials_.clear();  // a recording has many measurements
+  }
+
+  void check_optimum(double chi_squared) const {
+    if (std::abs(chi_squared - fit_.chi_squared) <= 0.01 + 1e-4 * fit_.chi_squared) return;
+    throw InputError(fmt::format(
+        "at the fitted parameters chi squared is {:.6g}, and the run has {:.6g}: it comes from another taut, or its "
+        "fit has followed rows into another equilibrium, around which nothing can be drawn; fit it again",
+        chi_squared, fit_.chi_squared));
+  }
+
+  EnsembleMember drawn(unsigned number) {
+    const PosteriorDraw draw = sampler_->draw(number, task_.seed);
+    EnsembleMember member{draw.failure.empty() ? fine : draw.outside ? beyond : draw.failure};
+    member.evaluations = draw.evaluations;
+    if (draw.values.empty()) return member;
+    member.values = draw.values;
+    member.log_weight = draw.log_weight;
+    member.predicted = draw.predicted;
+    for (const Measurement& measured : bench_.measurements()) {
+      const double off = (draw.predicted[static_cast<size_t>(measured.row)] - measured.value) / measured.sigma;
+      member.chi_squared += off * off;
+    }
+    return member;
+  }
+
+  /// Readings of trials that are drawn with replacement, or the fit's predictions with new noise.
+  std::vector<Measurement> readings_anew(Draws& random) const {
+    std::vector<Measurement> readings;
+    if (trials_.size() < enough_trials) {
+      readings = bench_.measurements();
+      for (Measurement& one : readings) one.value = at_optimum_[one.row] + one.sigma * random.normal();
+      return readings;
+    }
+    std::vector<const std::vector<size_t>*> all;
+    for (const auto& [trial, places] : trials_) all.push_back(&places);
+    for (size_t i = 0; i < all.size(); ++i) {
+      const auto which = static_cast<size_t>(random.uniform(0, static_cast<double>(all.size())));
+      for (size_t place : *all[std::min(which, all.size() - 1)]) readings.push_back(bench_.measurements()[place]);
+    }
+    return readings;
+  }
+
+  EnsembleMember refitted(unsigned number) {
+    Draws random(task_.seed * 1'000'003U + number);
+    const std::vector<Measurement> readings = readings_anew(random);
+    protocol_.restore(state_);
+    return as_member(fit(protocol_, readings, free_, options_));
+  }
+
+  EnsembleMember from_elsewhere(unsigned number) {
+    Draws random(task_.seed * 1'000'003U + number);
+    std::vector<FreeParameter> free = free_;
+    for (size_t j = 0; j < free.size(); ++j) {
+      const bool logarithmic = protocol_.parameters()[free[j].index].logarithmic;
+      FreeParameter& one = free[j];
+      if (!std::isfinite(one.lower) || !std::isfinite(one.upper))
+        throw InputError(
+            fmt::format("{}: starts are drawn between its bounds, and it has none on one side; give it "
+                        "both, as in [fit.free.{}] bounds = [...]",
+                        protocol_.parameters()[one.index].id, protocol_.parameters()[one.index].id));
+      one.start =
+          std::clamp(logarithmic ? random.logarithmic(one.lower, one.upper) : random.uniform(one.lower, one.upper),
+                     one.lower, one.upper);
+    }
+    protocol_.forget();
+    return as_member(fit(protocol_, bench_.measurements(), free, options_));
+  }
+
+  static EnsembleMember as_member(const FitResult& found) {
+    EnsembleMember member{found.status == FitStatus::converged ? fine : std::string(name_of(found.status))};
+    member.evaluations = found.evaluations;
+    if (found.status != FitStatus::converged) return member;
+    for (const ParameterEstimate& estimate : found.parameters) member.values.push_back(estimate.value);
+    member.predicted.assign(found.predicted.begin(), found.predicted.end());
+    member.chi_squared = found.chi_squared;
+    return member;
+  }
+
+  const Bench& bench_;
+  Protocol& protocol_;
+  const FitResult& fit_;
+  const EnsembleTask& task_;
+  std::vector<FreeParameter> free_;
+  FitOptions options_;
+  std::optional<PosteriorSampler> sampler_;
+  Eigen::VectorXd at_optimum_;
+  std::string state_;
+  std::map<std::string, std::vector<size_t>> trials_;  ///< places of their measurements
+};
+
+/// A member's value on the fitted scale.
+double fitted(const ParameterSpec& spec, double value) {
+  return spec.logarithmic ? std::log(value) : value;
+}
+
+std::string verdict_on(const Weighted& drawn, const ParameterEstimate& estimate, double effective,
+                       EnsembleMarginal& marginal) {
+  const double z = normal_quantile(0.975), value = fitted(estimate.spec, estimate.value),
+               se = estimate.standard_error / (estimate.spec.logarithmic ? estimate.value : 1);
+  marginal.width = marginal.width_error = not_a_number;
+  if (!(se > 0) || !std::isfinite(se)) return "it has none: the readings do not define it";
+  // An end's standard error is sqrt(p (1 - p) / n) over the density there, 1.36 / sqrt(n) of a normal half width.
+  const double doubt = 2 * 1.36 / std::sqrt(effective);
+  const double low = (value - drawn.quantile(0.025)) / (z * se), high = (drawn.quantile(0.975) - value) / (z * se);
+  marginal.width = (low + high) / 2;
+  marginal.width_error = doubt / std::sqrt(2);
+  if (doubt > 0.5) return fmt::format("not known: {:.0f} effective members are too few", effective);
+  const double allowed = std::max(of_good_ends, doubt);
+  if (std::abs(low - 1) <= allowed && std::abs(high - 1) <= allowed)
+    return fmt::format("good (its ends within {:.0f} %)", 100 * allowed);
+  if (marginal.width > 1 + allowed / std::sqrt(2)) return fmt::format("too narrow by {:.2g}", marginal.width);
+  if (marginal.width < 1 - allowed / std::sqrt(2)) return fmt::format("too wide by {:.2g}", 1 / marginal.width);
+  return fmt::format("{} by {:.2g} standard errors", high > low ? "too low" : "too high", z * std::abs(high - low) / 2);
+}
+
+/// Of two quantities of the same members.
+double correlation_of(const Weighted& a, const Weighted& b) {
+  Weighted product{{}, a.weights};
+  const double centre_a = a.mean(), centre_b = b.mean();
+  for (size_t i = 0; i < a.values.size(); ++i)
+    product.values.push_back((a.values[i] - centre_a) * (b.values[i] - centre_b));
+  return product.mean() / (a.deviation() * b.deviation());
+}
+
+/// Where an ensemble's distribution has its ends, of each parameter.
+void describe_parameters(const std::vector<const EnsembleMember*>& made, const std::vector<double>& weights,
+                         const FitResult& fit, const std::vector<Share>& shares, EnsembleRecord& record) {
+  std::vector<Weighted> scaled;
+  for (size_t j = 0; j < fit.parameters.size(); ++j) {
+    const ParameterEstimate& estimate = fit.parameters[j];
+    Weighted drawn{{}, weights}, q{{}, weights};
+    for (const EnsembleMember* member : made) {
+      drawn.values.push_back(member->values[j]);
+      q.values.push_back(fitted(estimate.spec, member->values[j]));
+    }
+    EnsembleMarginal& marginal = record.parameters.emplace_back();
+    marginal.id = estimate.spec.id;
+    marginal.unit = estimate.spec.unit;
+    marginal.mean = drawn.mean();
+    marginal.deviation = drawn.deviation();
+    marginal.lower95 = drawn.quantile(0.025);
+    marginal.median = drawn.quantile(0.5);
+    marginal.upper95 = drawn.quantile(0.975);
+    marginal.verdict = verdict_on(q, estimate, record.effective, marginal);
+    if (record.kind == name_of(EnsembleKind::posterior) && !shares.empty()) {
+      ParameterEstimate about = estimate;
+      about.value = marginal.median;
+      about.lower95 = marginal.lower95;
+      about.upper95 = marginal.upper95;
+      const TotalInterval total = total_interval(about, shares, j);
+      marginal.total_lower95 = total.lower;
+      marginal.total_upper95 = total.upper;
+    }
+    scaled.push_back(std::move(q));
+  }
+  const auto count = static_cast<Eigen::Index>(scaled.size());
+  record.correlation.resize(count, count);
+  for (Eigen::Index a = 0; a < count; ++a) {
+    for (Eigen::Index b = 0; b < count; ++b)
+      record.correlation(a, b) = correlation_of(scaled[static_cast<size_t>(a)], scaled[static_cast<size_t>(b)]);
+  }
+}
+
+void find_bands(const std::vector<const EnsembleMember*>& made, const std::vector<double>& weights,
+                EnsembleRecord& record) {
+  for (size_t row = 0; row < made.front()->predicted.size(); ++row) {
+    Weighted of_row{{}, weights};
+    for (const EnsembleMember* member : made) of_row.values.push_back(member->predicted[row]);
+    record.bands.push_back({of_row.quantile(0.025), of_row.quantile(0.975)});
+  }
+}
+
+/// Ends of fits that are one minimum: a chi squared within what a search leaves.
+void find_minima(std::vector<const EnsembleMember*> made, EnsembleRecord& record) {
+  std::ranges::sort(made, {}, &EnsembleMember::chi_squared);
+  for (const EnsembleMember* member : made) {
+    if (!record.minima.empty() &&
+        member->chi_squared <= record.minima.back().chi_squared + lower_minimum + 1e-4 * member->chi_squared)
+      ++record.minima.back().starts;
+    else
+      record.minima.push_back({member->chi_squared, 1, member->values});
+  }
+}
+
+std::string method_of(EnsembleKind kind, const Bench& bench) {
+  if (kind == EnsembleKind::posterior)
+    return "Draws by randomised maximum likelihood (randomise-then-optimise) with their weights: the readings' noise "
+           "as "
+           "it was declared, and a prior that is flat between the bounds, of moduli and stiffnesses in their "
+           "logarithm. "
+           "They stay in the valley of the optimum.";
+  if (kind == EnsembleKind::starts)
+    return "Fits from starts that were drawn between the bounds, of moduli and stiffnesses evenly in their logarithm.";
+  std::set<std::string> trials;
+  for (const BenchReading& reading : bench.readings()) trials.insert(reading.trial);
+  return trials.size() >= enough_trials && bench.trials_at_rest() != nullptr
+             ? fmt::format(
+                   "Fits of {} trials that were drawn with replacement. That shows how the estimates scatter, not "
+                   "whether the readings can tell the parameters from each other.",
+                   trials.size())
+             : fmt::format(
+                   "Fits of the fitted curve with new noise as it was declared ({} trials are too few to be drawn "
+                   "anew). That shows how the estimates scatter, not whether the readings can tell the "
+                   "parameters from each other.",
+                   trials.size());
+}
+
+std::string summary_of(const EnsembleRecord& record, EnsembleKind kind, const FitResult& fit) {
+  if (kind == EnsembleKind::starts) {
+    if (record.minima.empty()) return "No start led to a minimum.";
+    const EnsembleMinimum& lowest = record.minima.front();
+    std::string text = fmt::format("{} of {} starts ended in the lowest minimum, chi squared {:.4g}", lowest.starts,
+                                   record.finished, lowest.chi_squared);
+    if (lowest.chi_squared < fit.chi_squared - lower_minimum - 1e-4 * fit.chi_squared)
+      return text + fmt::format(", BELOW THE FIT'S {:.4g}: fit again from there.", fit.chi_squared);
+    return text + (record.minima.size() > 1
+                       ? fmt::format("; {} others ended above it, the next one at {:.4g}.",
+                                     record.finished - record.failed - lowest.starts, record.minima[1].chi_squared)
+                       : ", which is the fit's.");
+  }
+  if (record.parameters.empty())
+    return fmt::format("{} members have values: too few to describe a distribution.",
+                       record.finished - record.failed - record.outside);
+  std::string good, bad;
+  for (const EnsembleMarginal& one : record.parameters) {
+    if (one.verdict.starts_with("good"))
+      good += (good.empty() ? "" : ", ") + one.id;
+    else
+      bad += (bad.empty() ? "" : "; ") + fmt::format("{}: {}", one.id, one.verdict);
+  }
+  std::string text = "The parabola's 95 % interval";
+  if (!good.empty()) text += fmt::format(" is good for {}", good);
+  if (!bad.empty()) text += fmt::format("{} {}", good.empty() ? ":" : ";", bad);
+  return text + ".";
+}
+
+}  // namespace
+
+std::string_view name_of(EnsembleKind kind) {
+  switch (kind) {
+    case EnsembleKind::posterior:
+      return "posterior";
+    case EnsembleKind::bootstrap:
+      return "bootstrap";
+    case EnsembleKind::starts:
+      return "starts";
+  }
+  return "";
+}
+
+std::vector<std::optional<EnsembleMember>> run_ensemble(const Bench& bench, const FitResult& fit,
+                                                        const EnsembleTask& task, const StudyOptions& options) {
+  std::vector<std::optional<EnsembleMember>> members(task.count);
+  std::optional<Members> maker;  // made where there is something to make: it costs a replay
+  Study study;
+  study.columns = member_columns;
+  study.keys = 2;
+  for (unsigned k = 0; k < task.count; ++k)
+    study.settings.push_back(
+        {{std::to_string(task.seed), std::to_string(k)}, fmt::format("{} {}", name_of(task.kind), k + 1), 1});
+  study.run = [&](size_t setting, const Deadline&) -> std::optional<StudyResult> {
+    const Stopwatch watch;
+    if (!maker) maker.emplace(bench, fit, task, options.stop);
+    const std::optional<EnsembleMember> member = maker->make(static_cast<unsigned>(setting));
+    if (!member) return std::nullopt;
+    return StudyResult{cells_of_member(*member), watch.seconds()};
+  };
+  study.take = [&](size_t setting, const Cells& cells) {
+    members[setting] = member_of(cells, fit.parameters.size());
+    return members[setting].has_value();
+  };
+  run_study(study, options);
+  return members;
+}
+
+EnsembleRecord summed_up(const std::vector<std::optional<EnsembleMember>>& members, const Bench& bench,
+                         const FitResult& fit, const std::vector<Share>& shares, const EnsembleTask& task) {
+  EnsembleRecord record;
+  record.kind = name_of(task.kind);
+  record.how = method_of(task.kind, bench);
+  record.asked = static_cast<int>(task.count);
+  record.seed = task.seed;
+  std::vector<const EnsembleMember*> made;
+  std::vector<double> logs;
+  std::set<std::string> reasons;
+  for (const std::optional<EnsembleMember>& member : members) {
+    if (!member) continue;
+    ++record.finished;
+    record.evaluations += member->evaluations;
+    if (member->status == beyond) {
+      ++record.outside;
+    } else if (member->status != fine) {
+      ++record.failed;
+      if (reasons.size() < 5) reasons.insert(member->status);
+    } else {
+      made.push_back(&*member);
+      logs.push_back(member->log_weight);
+    }
+  }
+  if (record.finished > 0) record.evaluations /= record.finished;
+  record.failures.assign(reasons.begin(), reasons.end());
+  const std::vector<double> weights = weights_of(logs);
+  record.effective = effective_number(weights);
+  if (task.kind == EnsembleKind::starts) {
+    find_minima(made, record);
+  } else if (static_cast<int>(made.size()) >= fewest_members) {
+    describe_parameters(made, weights, fit, shares, record);
+    find_bands(made, weights, record);
+  }
+  record.verdict = summary_of(record, task.kind, fit);
+  return record;
+}
+
+std::string ensemble_csv(const std::vector<std::optional<EnsembleMember>>& members, const FitResult& fit) {
+  std::vector<double> logs;
+  for (const auto& member : members) {
+    if (member && !member->values.empty()) logs.push_back(member->log_weight);
+  }
+  const double largest = logs.empty() ? 0 : std::ranges::max(logs);
+  std::string csv = "number,status,weight,chi_squared";
+  for (const ParameterEstimate& estimate : fit.parameters)
+    csv += fmt::format(",{}{}", estimate.spec.id, estimate.spec.unit == "1" ? "" : " [" + estimate.spec.unit + "]");
+  csv += "\n";
+  for (size_t k = 0; k < members.size(); ++k) {
+    if (!members[k]) continue;
+    const EnsembleMember& member = *members[k];
+    Cells cells{std::to_string(k), member.status};
+    const bool made = !member.values.empty();
+    cells.push_back(made ? exact(std::exp(member.log_weight - largest)) : "0");
+    cells.push_back(made ? exact(member.chi_squared) : "");
+    for (size_t j = 0; j < fit.parameters.size(); ++j) cells.push_back(made ? exact(member.values[j]) : "");
+    csv += line_of(cells) + "\n";
+  }
+  return csv;
+}
+
+}  // namespace taut
