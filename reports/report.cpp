@@ -68,9 +68,14 @@ std::string predictions_csv(const RunRecord& record) {
   const bool any_excluded = std::ranges::any_of(record.readings, &ReadingRecord::excluded);
   const bool any_marked =
       std::ranges::any_of(record.readings, [](const ReadingRecord& r) { return !r.equilibria.empty(); });
-  const auto columns_of = [&](ReadingRecord reading) {
+  const auto columns_of = [&](ReadingRecord reading, size_t place) {
     ReadingColumns columns{record, units};
     describe(columns, reading);
+    for (const EnsembleRecord& ensemble : record.ensembles) {
+      if (ensemble.bands.size() != record.readings.size()) continue;
+      columns(ensemble.kind + "_lower95", ensemble.bands[place][0], InUnitOfChannel());
+      columns(ensemble.kind + "_upper95", ensemble.bands[place][1], InUnitOfChannel());
+    }
     const double residual = reading.measured - reading.predicted;
     columns("residual", residual, InUnitOfChannel());
     columns("normalised_residual", residual / reading.sigma);
@@ -79,8 +84,9 @@ std::string predictions_csv(const RunRecord& record) {
     columns.heads.back() = columns.fields.back() = '\n';
     return columns;
   };
-  std::string out = units.heads(columns_of({}).heads);
-  for (const ReadingRecord& reading : record.readings) out += units.row(columns_of(reading).fields, reading.channel);
+  std::string out = units.heads(columns_of({}, 0).heads);
+  for (size_t i = 0; i < record.readings.size(); ++i)
+    out += units.row(columns_of(record.readings[i], i).fields, record.readings[i].channel);
   return out;
 }
 

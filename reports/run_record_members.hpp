@@ -163,6 +163,8 @@ void describe(auto&& a, EnsembleRecord& ensemble) {
   a("parameters", ensemble.parameters);
   a("correlation", ensemble.correlation);
   a("bands", ensemble.bands);
+  a("drawn", ensemble.drawn);
+  a("weights", ensemble.weights);
   a("minima", ensemble.minima);
   a("failures", ensemble.failures);
 }

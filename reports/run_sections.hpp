@@ -20,6 +20,8 @@ std::optional<Drawing> shape_panels(const RunRecord& record);
 std::optional<Drawing> variants(const RunRecord& record);  ///< values of other meshes and of references
 /// Rise of chi squared over the value of each parameter whose profile likelihood was searched; open ends are arrows.
 std::optional<Drawing> profiles(const RunRecord& record);
+/// An ensemble: each parameter's distribution beside the parabola's, and every two of them over one another.
+std::optional<Drawing> ensemble(const RunRecord& record, const EnsembleRecord& ensemble);
 /// Measured and simulated motion of each recording over time, with residuals below.
 std::optional<Drawing> recordings(const RunRecord& record);
 /// Frequency and decay of each recording, measured and simulated.
@@ -33,6 +35,7 @@ std::optional<Drawing> diagnostic(const RunRecord& record);
 std::optional<Section> answer(const RunRecord& record);
 std::optional<Section> frequency_and_decay(const RunRecord& record);  ///< of recordings: measured and simulated
 std::optional<Section> fitted_parameters(const RunRecord& record);    ///< values, intervals and verdicts
+std::optional<Section> ensembles(const RunRecord& record);            ///< posterior, bootstrap, other starts
 std::optional<Section> goodness_of_fit(const RunRecord& record);      ///< chi squared and lack of fit, in words
 /// One parameter from each part of the readings alone.
 std::optional<Section> diagnostics(const RunRecord& record);
@@ -51,6 +54,7 @@ inline constexpr MakeSection<RunRecord> kRunPage[] = {answer,
                                                       frequency_and_decay,
                                                       fitted_parameters,
                                                       alone<plot::profiles>,
+                                                      ensembles,
                                                       goodness_of_fit,
                                                       diagnostics,
                                                       reading_by_reading,

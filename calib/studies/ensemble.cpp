@@ -6,8 +6,10 @@
 #include <cmath>
 #include <map>
 #include <new>
+#include <numeric>
 #include <set>
 #include <sstream>
+#include <tuple>
 
 #include "calib/fit/distributions.hpp"
 #include "calib/fit/gauss_newton.hpp"
@@ -17,16 +19,19 @@
 #include "calib/studies/assumption_shares.hpp"
 #include "sim/core/draws.hpp"
 #include "sim/core/error.hpp"
+#include "sim/core/numbers.hpp"
 #include "sim/core/stopwatch.hpp"
+#include "sim/core/units.hpp"
 
 namespace taut {
 namespace {
 
 constexpr const char* fine = "ok";
 constexpr const char* beyond = "outside";
-constexpr size_t enough_trials = 5;    ///< from so many on trials are drawn anew, else noise
-constexpr int fewest_members = 20;     ///< from which a distribution is described
-constexpr double of_good_ends = 0.15;  ///< as a part of the parabola's half width: nobody decides otherwise for less
+constexpr size_t enough_trials = 5;   ///< from so many on trials are drawn anew, else noise
+constexpr int fewest_members = 20;    ///< from which a distribution is described
+constexpr size_t most_drawn = 1000;   ///< members that figures show
+constexpr double of_good_ends = 0.2;  ///< as a part of the parabola's half width: nobody decides otherwise for less
 
 /// The text of one number that reads back to the same bits.
 std::string exact(double value) {
@@ -236,6 +241,26 @@ std::string verdict_on(const Weighted& drawn, const ParameterEstimate& estimate,
   return fmt::format("{} by {:.2g} standard errors", high > low ? "too low" : "too high", z * std::abs(high - low) / 2);
 }
 
+/// Ends that lie where the prior ends rather than where readings do: a thousandth of the weight within the last
+/// hundredth of the range between the bounds.
+std::string prior_ends(const Weighted& drawn, const ParameterEstimate& estimate) {
+  const double low = fitted(estimate.spec, estimate.lower), high = fitted(estimate.spec, estimate.upper);
+  if (!std::isfinite(low) || !std::isfinite(high)) return "";
+  const double strip = 0.01 * (high - low), all = std::accumulate(drawn.weights.begin(), drawn.weights.end(), 0.0);
+  double below = 0, above = 0;
+  for (size_t i = 0; i < drawn.values.size(); ++i) {
+    below += drawn.values[i] < low + strip ? drawn.weights[i] : 0;
+    above += drawn.values[i] > high - strip ? drawn.weights[i] : 0;
+  }
+  std::string text;
+  for (const auto& [weight, side, bound] :
+       {std::tuple{below, "lower", estimate.lower}, std::tuple{above, "upper", estimate.upper}}) {
+    if (weight > 0.001 * all)
+      text += fmt::format("; its {} end is the prior's, which ends at {}", side, with_unit(bound, estimate.spec.unit));
+  }
+  return text;
+}
+
 /// Of two quantities of the same members.
 double correlation_of(const Weighted& a, const Weighted& b) {
   Weighted product{{}, a.weights};
@@ -264,7 +289,7 @@ void describe_parameters(const std::vector<const EnsembleMember*>& made, const s
     marginal.lower95 = drawn.quantile(0.025);
     marginal.median = drawn.quantile(0.5);
     marginal.upper95 = drawn.quantile(0.975);
-    marginal.verdict = verdict_on(q, estimate, record.effective, marginal);
+    marginal.verdict = verdict_on(q, estimate, record.effective, marginal) + prior_ends(q, estimate);
     if (record.kind == name_of(EnsembleKind::posterior) && !shares.empty()) {
       ParameterEstimate about = estimate;
       about.value = marginal.median;
@@ -284,13 +309,17 @@ void describe_parameters(const std::vector<const EnsembleMember*>& made, const s
   }
 }
 
-void find_bands(const std::vector<const EnsembleMember*>& made, const std::vector<double>& weights,
+void find_bands(const std::vector<const EnsembleMember*>& made, const std::vector<double>& weights, const Bench& bench,
                 EnsembleRecord& record) {
+  std::vector<std::array<double, 2>> rows;
   for (size_t row = 0; row < made.front()->predicted.size(); ++row) {
     Weighted of_row{{}, weights};
     for (const EnsembleMember* member : made) of_row.values.push_back(member->predicted[row]);
-    record.bands.push_back({of_row.quantile(0.025), of_row.quantile(0.975)});
+    rows.push_back({of_row.quantile(0.025), of_row.quantile(0.975)});
   }
+  for (const BenchReading& reading : bench.readings())
+    record.bands.push_back(reading.row < 0 ? std::array{not_a_number, not_a_number}
+                                           : rows.at(static_cast<size_t>(reading.row)));
 }
 
 /// Ends of fits that are one minimum: a chi squared within what a search leaves.
@@ -428,7 +457,11 @@ EnsembleRecord summed_up(const std::vector<std::optional<EnsembleMember>>& membe
     find_minima(made, record);
   } else if (static_cast<int>(made.size()) >= fewest_members) {
     describe_parameters(made, weights, fit, shares, record);
-    find_bands(made, weights, record);
+    find_bands(made, weights, bench, record);
+    for (size_t i = 0; i < std::min(made.size(), most_drawn); ++i) {
+      record.drawn.push_back(made[i]->values);
+      record.weights.push_back(weights[i]);
+    }
   }
   record.verdict = summary_of(record, task.kind, fit);
   return record;

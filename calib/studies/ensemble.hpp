@@ -73,8 +73,12 @@ struct EnsembleRecord {
   double evaluations = 0;                    ///< of the protocol per member
   std::vector<EnsembleMarginal> parameters;  ///< in the order of the fit's; empty: too few members
   Eigen::MatrixXd correlation;               ///< of the parameters on the fitted scale
-  /// 95 % band of each of the protocol's rows, SI; empty where nothing is predicted.
+  /// 95 % band of what each of the bench's readings would be without noise, SI, in their order, NaN where nothing
+  /// predicts it; empty: too few members.
   std::vector<std::array<double, 2>> bands;
+  /// The first members that have values, for figures: parameters, SI, and weights, the largest 1.
+  std::vector<std::vector<double>> drawn;
+  std::vector<double> weights;
   std::vector<EnsembleMinimum> minima;  ///< of starts, the lowest first
   std::vector<std::string> failures;    ///< distinct reasons, the first few
   std::string verdict;                  ///< one sentence for people

@@ -41,4 +41,7 @@ int chart_stability(const CommandOptions& options);
 /// Plants benches about a push_puppet experiment, fits them, and says how often intervals hold the truth.
 int chart_planted(const CommandOptions& options);
 
+/// Checks the posterior of an experiment by simulation: truths from the prior, and their ranks.
+int chart_sbc(const CommandOptions& options);
+
 }  // namespace taut

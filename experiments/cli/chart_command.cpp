@@ -27,7 +27,7 @@ std::vector<std::string> files_of(const Simulation& simulation) {
 
 /// What is drawn, by the name of the chart.
 const std::vector<std::pair<std::string, int (*)(const CommandOptions&)>> charts{
-    {"accuracy", chart_accuracy}, {"stability", chart_stability}, {"planted", chart_planted}};
+    {"accuracy", chart_accuracy}, {"stability", chart_stability}, {"planted", chart_planted}, {"sbc", chart_sbc}};
 
 int chart_main(const CommandOptions& options) {
   if (!(options.budget >= 0 && options.budget < 1e9))
@@ -95,15 +95,17 @@ int close_chart(const CommandOptions& options, size_t missing, size_t all, Progr
 }
 
 Command chart_command() {
-  Command command{"chart",
-                  "accuracy|stability|planted FILE",
-                  "Charts error against cost over meshes, elements and solver settings (accuracy), where methods fail "
-                  "(stability), or how often fits of modules with a known truth find it (planted).",
-                  "  taut chart accuracy experiments/silicone_block/experiment.toml --budget 300\n"
-                  "  taut chart stability experiments/push_puppet/experiment.toml\n",
-                  add_chart_options,
-                  chart_main,
-                  {&CommandOptions::name, &CommandOptions::target}};
+  Command command{
+      "chart",
+      "accuracy|stability|planted|sbc FILE",
+      "Charts error against cost over meshes, elements and solver settings (accuracy), where methods fail "
+      "(stability), or how often fits of modules with a known truth find it (planted), or checks the posterior by "
+      "simulation (sbc).",
+      "  taut chart accuracy experiments/silicone_block/experiment.toml --budget 300\n"
+      "  taut chart stability experiments/push_puppet/experiment.toml\n",
+      add_chart_options,
+      chart_main,
+      {&CommandOptions::name, &CommandOptions::target}};
   command.together = true;
   return command;
 }
