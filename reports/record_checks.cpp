@@ -99,6 +99,25 @@ void check_curves(const RecordChecker& checker, const std::vector<CurveRecord>& 
   }
 }
 
+void check_ensembles(const RecordChecker& checker, const RunRecord& record) {
+  const size_t n = record.fit.parameters.size();
+  for (size_t i = 0; i < record.ensembles.size(); ++i) {
+    const EnsembleRecord& ensemble = record.ensembles[i];
+    const auto key = [&](const char* member) { return fmt::format("ensembles[{}].{}", i, member); };
+    if (!ensemble.parameters.empty())
+      checker.same_length(ensemble.parameters.size(), n, key("parameters"), "parameters");
+    if (!ensemble.bands.empty())
+      checker.same_length(ensemble.bands.size(), record.readings.size(), key("bands"), "readings");
+    checker.same_length(ensemble.weights.size(), ensemble.drawn.size(), key("weights"), "members");
+    for (const std::vector<double>& values : ensemble.drawn)
+      checker.same_length(values.size(), n, key("drawn"), "parameters");
+    for (const double weight : ensemble.weights)
+      checker.need(weight >= 0 && weight <= 1 + 1e-9, key("weights"), "a weight is from 0 to 1");
+    for (const EnsembleMinimum& minimum : ensemble.minima)
+      checker.same_length(minimum.values.size(), n, key("minima"), "parameters");
+  }
+}
+
 }  // namespace
 
 void check_record(const RunRecord& record, const std::string& file) {
@@ -120,6 +139,7 @@ void check_record(const RunRecord& record, const std::string& file) {
   check_readings(checker, record);
   check_curves(checker, record.curves, "curves");
   check_curves(checker, record.start_curves, "start_curves");
+  check_ensembles(checker, record);
   checker.need(record.load_control >= -1, "load.control", "-1 is for none");
   checker.need(record.trend_degree >= 0 && record.trend_degree <= 5, "trend_degree", "a trend has a degree up to 5");
 }

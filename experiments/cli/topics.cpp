@@ -118,6 +118,7 @@ const std::vector<Topic>& all_topics() {
       {"run-folder", "what a run writes, and how it goes on", experiments, "## The run folder"},
       {"tuning", "the retraction for a wanted stiffness", experiments, "## Tuning"},
       {"planning", "which rows to measure next", experiments, "## Planning"},
+      {"ensembles", "posterior, bootstrap, other starts; on several machines", experiments, "## Ensembles"},
       {"scoring", "any simulator's predictions against a rig", experiments, "## Scoring simulators"},
       {"exporting", "a module for other simulators", experiments, "## Exporting"},
       {"comparing-runs", "two calibrations, or one done again", experiments, "## Comparing runs"},

@@ -205,6 +205,56 @@ TEST_F(RunRecordTest, FrictionOfTheLipsSurvivesIsSaidAndStandsOnThePage) {
   EXPECT_TRUE(read_run(folder_.string()).lip_friction.empty());
 }
 
+TEST_F(RunRecordTest, EnsemblesSurviveStandOnThePageAndAreBelievedOnlyWhereTheyFit) {
+  RunRecord record = test::hanging_block();
+  EnsembleRecord ensemble;
+  ensemble.kind = "posterior";
+  ensemble.how = "as it was done";
+  ensemble.verdict = "The parabola's 95 % interval: E: too narrow by 1.6.";
+  ensemble.asked = ensemble.finished = 30;
+  ensemble.effective = 21.5;
+  const double E = record.fit.parameters[0].value;
+  ensemble.parameters = {{record.fit.parameters[0].spec.id, "Pa", E, 1e3, 0.9 * E, E, 1.2 * E, 0.8 * E, 1.3 * E, 1.6,
+                          0.1, "too narrow by 1.6"}};
+  ensemble.correlation = Eigen::MatrixXd::Identity(1, 1);
+  ensemble.bands.assign(record.readings.size(), {1e-3, kNaN});
+  for (int i = 0; i < 30; ++i) {
+    ensemble.drawn.push_back({E * (1 + 0.01 * i)});
+    ensemble.weights.push_back(i == 3 ? 1 : 0.5);
+  }
+  ensemble.minima = {{12.5, 7, {E}}};
+  ensemble.failures = {"no parameters were found for it"};
+  record.ensembles = {ensemble};
+  const std::string whole = to_json(record);
+  write_file(path("fit.json"), whole);
+  const RunRecord again = read_run(folder_.string());
+  EXPECT_EQ(to_json(again), whole);
+  ASSERT_EQ(again.ensembles.size(), 1u);
+  EXPECT_EQ(again.ensembles[0].parameters[0].upper95, 1.2 * E);
+  EXPECT_EQ(again.ensembles[0].drawn, ensemble.drawn);
+  EXPECT_TRUE(std::isnan(again.ensembles[0].bands[0][1]));
+  const std::string html = ensembles(again)->html;
+  for (const char* words : {"Beyond the parabola", "as much as 22 equal ones", "too narrow by 1.6", "1.60 ± 0.10",
+                            "12.5", "no parameters were found"})
+    EXPECT_NE(html.find(words), std::string::npos) << words << " in " << html;
+  ASSERT_TRUE(plot::ensemble(again, again.ensembles[0]).has_value());
+  EXPECT_EQ(plot::ensemble(again, again.ensembles[0])->figure.name, "ensemble_posterior");
+
+  const auto refused = [&](auto&& edit, const std::vector<std::string>& parts) {
+    auto json = nlohmann::ordered_json::parse(whole);
+    edit(json["ensembles"][0]);
+    write_file(path("fit.json"), json.dump());
+    expect_input_error([&] { read_run(folder_.string()); }, parts);
+  };
+  refused([](auto& json) { json["parameters"].push_back(json["parameters"][0]); },
+          {"ensembles[0].parameters", "2 entries"});
+  refused([](auto& json) { json["drawn"][2].push_back(1); }, {"ensembles[0].drawn", "2 entries for 1 parameters"});
+  refused([](auto& json) { json["weights"].erase(0); }, {"ensembles[0].weights", "29 entries for 30 members"});
+  refused([](auto& json) { json["weights"][0] = -1; }, {"ensembles[0].weights", "from 0 to 1"});
+  refused([](auto& json) { json["bands"] = {1, 2}; }, {"ensembles[0].bands", "readings"});
+  refused([](auto& json) { json["minima"][0]["values"] = {1, 2}; }, {"ensembles[0].minima", "2 entries"});
+}
+
 TEST_F(RunRecordTest, SharesOfMeshAndContactGapSurviveAndOlderFilesHaveNone) {
   RunRecord record = test::hanging_block();
   record.shares = {{"mesh", {-412.5}, {190}, "from three meshes", 9.5},
