@@ -42,10 +42,18 @@ class Manager {
   }
 
   void run() {
-    while (!over()) {
-      if (std::optional<Message> message = messages_.receive(0.05)) hear(*message);
+    while (true) {
+      const std::optional<Message> message = messages_.receive(0.05);
+      if (message) {
+        hear(*message);
+        give_work(message->from);
+      }
+      const bool more = !waiting_.empty() && may_begin();
+      if (message && more && round_.seconds() < 0.2) continue;  // looking at all workers takes time where they are many
+      round_ = Stopwatch();
       bury_the_dead();
       for (int rank = 1; rank < messages_.size(); ++rank) give_work(rank);
+      if (over()) break;
     }
     for (int rank = 1; rank < messages_.size(); ++rank) messages_.send(rank, "over");
   }
@@ -137,7 +145,7 @@ class Manager {
   std::vector<bool> finished_;
   std::vector<Worker> workers_;  ///< by rank; the first one is this process
   size_t made_ = 0, done_;
-  Stopwatch watch_;
+  Stopwatch watch_, round_;
 };
 
 /// Says "alive" while it lives.

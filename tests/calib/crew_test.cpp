@@ -12,6 +12,7 @@
 #include "sim/core/error.hpp"
 #include "tests/support/experiment_files.hpp"
 #include "tests/support/threaded_messages.hpp"
+#include "tests/support/virtual_crew.hpp"
 
 namespace taut::test {
 namespace {
@@ -141,39 +142,6 @@ TEST_F(Crew, ShardsAreTheWholeAndShareNothing) {
   EXPECT_EQ(order_.size(), count);
 }
 
-/// 1000 workers in virtual time, each task a second of theirs: the messages of a crew without processes.
-class VirtualCrew final : public Messages {
- public:
-  VirtualCrew(int workers, size_t settings) : workers_(workers), result_(settings) {
-    for (int rank = 1; rank <= workers; ++rank) arrive(0, rank, "free");
-  }
-  int rank() const override { return 0; }
-  int size() const override { return workers_ + 1; }
-  double silence() const override { return 1e9; }
-  void send(int to, const std::string& text) override {
-    const Cells cells = cells_of(text);
-    if (cells[0] != "run") return;
-    ++begun;
-    arrive(now + 1, to, line_of({"done", cells[1], "x"}));
-  }
-  std::optional<Message> receive(double) override {
-    if (events_.empty()) return std::nullopt;
-    const auto next = events_.begin();
-    now = next->first;
-    Message message = next->second;
-    events_.erase(next);
-    return message;
-  }
-  double now = 0;
-  size_t begun = 0;
-
- private:
-  void arrive(double time, int from, const std::string& text) { events_.emplace(time, Message{from, text}); }
-  int workers_;
-  std::vector<int> result_;
-  std::multimap<double, Message> events_;
-};
-
 TEST_F(Crew, AThousandWorkersAreAllAtWork) {
   constexpr size_t tasks = 10'000;
   Study many;
@@ -181,7 +149,7 @@ TEST_F(Crew, AThousandWorkersAreAllAtWork) {
   for (size_t i = 0; i < tasks; ++i) many.settings.push_back({{std::to_string(i)}, "", 1});
   size_t taken = 0;
   many.take = [&](size_t, const Cells&) { return ++taken > 0; };
-  VirtualCrew crew(1000, tasks);
+  VirtualCrew crew(1000);
   run_study(many, options(&crew));
   EXPECT_EQ(taken, tasks);
   EXPECT_EQ(crew.begun, tasks);
