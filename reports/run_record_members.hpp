@@ -198,6 +198,18 @@ void describe(auto&& a, ShapeRecord::Area& area) {
   a("loops", area.loops);
 }
 
+void describe(auto&& a, ContactRecord& contact) {
+  a("centre", contact.centre);
+  a("force", contact.force);
+  a("places", contact.places);
+}
+
+void describe(auto&& a, SurfaceRecord& surface) {
+  a("regions", surface.regions);
+  a("triangles", surface.triangles);
+  a("triangle_regions", surface.triangle_regions);
+}
+
 void describe(auto&& a, ShapeRecord& shape) {
   a("label", shape.label);
   a("segments", shape.segments);
@@ -207,6 +219,9 @@ void describe(auto&& a, ShapeRecord& shape) {
   }
   if (a.there("areas", !shape.areas.empty())) a("areas", shape.areas);
   if (a.there("cables", !shape.cables.empty())) a("cables", shape.cables);
+  if (a.there("points", !shape.points.empty())) a("points", shape.points);
+  if (a.there("space_cables", !shape.space_cables.empty())) a("space_cables", shape.space_cables);
+  if (a.there("contacts", !shape.contacts.empty())) a("contacts", shape.contacts);
 }
 
 void describe(auto&& a, InputRecord& input) {
@@ -229,6 +244,12 @@ void describe(auto&& a, Provenance& provenance) {
   a("seed", provenance.seed);
 }
 
+void describe(auto&& a, SearchStep& step) {
+  a("phase", step.phase);
+  a("chi_squared", step.chi_squared);
+  a("values", step.values);
+}
+
 /// Under the key "fit": what is not said of the parameters one by one.
 void describe_fit(auto&& a, RunRecord& record) {
   FitResult& fit = record.fit;
@@ -239,6 +260,7 @@ void describe_fit(auto&& a, RunRecord& record) {
   a("evaluations", fit.evaluations);
   a("failed_evaluations", fit.failed_evaluations);
   a("iterations", fit.iterations);
+  if (a.there("history", !fit.history.empty())) a("history", fit.history);
   a("covariance", fit.covariance);
   a["covariance_scale"].walk_list(std::span(fit.parameters), [](auto&& scale, ParameterEstimate& estimate) {
     scale.walk_either(estimate.spec.logarithmic, "logarithm", "linear");
@@ -317,6 +339,7 @@ void describe(auto&& a, RunRecord& record) {
   if (a.there("start_curves", !record.start_curves.empty()))
     describe_curves(a["start_curves"], record, record.start_curves);
   a("shape_axes", std::tie(record.shape_axes[0], record.shape_axes[1]));
+  if (a.there("surface", !record.surface.triangles.empty())) a("surface", record.surface);
   a("shapes", record.shapes);
   if (a.there("trend_degree")) a("trend_degree", record.trend_degree);
   a("main", record.main);

@@ -323,6 +323,7 @@ class Run {
     const SolvedStates states = bench_.states();
     if (states.mesh != nullptr) {
       record_.shapes = draw_shapes(states);
+      record_.surface = surface_record(*states.mesh);
       const std::array<int, 2> plane = drawing_plane(states);
       for (size_t i = 0; i < 2; ++i) record_.shape_axes[i] = "xyz"[plane[i]];
     }

@@ -133,6 +133,7 @@ struct RunRecord {
   std::vector<CurveRecord> curves;
   std::vector<CurveRecord> start_curves;  ///< with the starts of the parameters, standard errors 0; of benches at rest
   std::vector<ShapeRecord> shapes;
+  SurfaceRecord surface;                  ///< of the shapes in 3D
   std::array<std::string, 2> shape_axes;  ///< "x", "z"
   int trend_degree = 0;                   ///< of the polynomial through each series of the effective stiffness; 0: none
   VariantRecord main;                     ///< the fit itself, as a row of the table of variants
