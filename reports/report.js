@@ -336,7 +336,7 @@ const kFigures = {
     return [{title: 'The way of the search', y: channel => bracketed(channel.id, unit_of[channel.id]), x: () => 'evaluation of the model',
       logarithmic: true, whole: true, heading: id => id, what: 'evaluations',
       item: r => ({kind: r.kind === 'evaluation' ? 'reading' : 'line', x: number(r.evaluation), y: number(r.value),
-        text: `evaluation ${r.evaluation}, ${r.phase}\n${r.channel} ${digits(+r.value)} ${r.unit}`})}];
+        text: `evaluation ${r.evaluation}, ${r.phase}\n${r.channel} ${digits(+r.value)} ${r.unit}`.trim()})}];
   },
 };
 
