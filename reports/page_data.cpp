@@ -22,8 +22,8 @@ using plot::kMillimetre;
 constexpr double kShapeSteps = 4000;  // along the window's largest side: finer than a screen shows
 
 /// Figures that report.js draws itself, by their CSV.
-constexpr std::array<const char*, 5> kLive = {"force_displacement", "residuals", "effective_stiffness",
-                                              "stress_strain", "search_history"};
+constexpr std::array<const char*, 5> kLive = {"force_displacement", "residuals", "effective_stiffness", "stress_strain",
+                                              "search_history"};
 
 /// Six digits: no screen shows more. Null for what is not known.
 Json six_digits(double value) {

@@ -149,6 +149,10 @@ void check_record(const RunRecord& record, const std::string& file) {
   check_curves(checker, record.curves, "curves");
   check_curves(checker, record.start_curves, "start_curves");
   check_shapes(checker, record);
+  if (!record.control_columns.empty())
+    checker.same_length(record.control_columns.size(), record.controls.size(), "control_columns", "controls");
+  if (!record.channel_columns.empty())
+    checker.same_length(record.channel_columns.size(), record.channels.size(), "channel_columns", "channels");
   checker.need(!std::ranges::any_of(fit.history, [&](const SearchStep& step) { return step.values.size() != n; }),
                "fit.history", "a value for each parameter");
   checker.need(record.load_control >= -1, "load.control", "-1 is for none");

@@ -106,7 +106,7 @@ function draw_shape(stage, k, view) {
     parts.push(make('path', {d: outline(state), fill: 'none', stroke: 'var(--ink)', 'stroke-linejoin': 'round'}));
   }
   for (const cable of state.cables) parts.push(make('path', {d: line(cable, false), fill: 'none', stroke: 'var(--cable)', 'stroke-width': 2}));
-  parts.push(...contact_marks(state, place, [right, up]));
+  parts.push(...contact_marks(state, place, [right, up], width));
   // A length to measure by, and where the axes point.
   const raw = 90 / fit * S.step, power = 10 ** Math.floor(Math.log10(raw)), mm = [5, 2, 1].find(f => f * power <= raw) * power;
   const long = mm / S.step * fit, y = height - 9;
@@ -123,9 +123,9 @@ function draw_shape(stage, k, view) {
   return fit;
 }
 /// Where something presses: dots on the boundary, an arrow for the net force of each patch, and the largest force in newtons.
-function contact_marks(state, place, [right, up]) {
+function contact_marks(state, place, [right, up], width) {
   const parts = [], shown = state.contacts.filter(c => size_of(c.force) > 0.02 * largest_force);
-  let dots = '';
+  let dots = '', label = null;
   for (const c of state.contacts) {
     for (let i = 0; i < c.places.length; i += n) {
       const [x, y] = place(c.places.slice(i, i + n));
@@ -138,11 +138,12 @@ function contact_marks(state, place, [right, up]) {
     if (long < 1e-3) continue;  // seen along the force
     const s = (14 + 34 * long) / long, [u, v] = f.map(w => w / long), [a, b] = [x + s * f[0], y + s * f[1]];
     const at = (along, across) => `${(a - along * u - across * v).toFixed(1)} ${(b - along * v + across * u).toFixed(1)}`;
-    parts.push(make('path', {class: 'force', d: `M${x.toFixed(1)} ${y.toFixed(1)}L${a.toFixed(1)} ${b.toFixed(1)}M${at(7, 4)}L${at(0, 0)}L${at(7, -4)}`}));
-    if (c === shown[0]) parts.push(make('text', {class: 'force-size', x: (a + 8 * u).toFixed(1), y: (b + 8 * v + 4).toFixed(1),
-      'text-anchor': u < -0.4 ? 'end' : u > 0.4 ? 'start' : 'middle'}, `${digits(size_of(c.force), 3)} N`));
+    const d = `M${x.toFixed(1)} ${y.toFixed(1)}L${a.toFixed(1)} ${b.toFixed(1)}M${at(7, 4)}L${at(0, 0)}L${at(7, -4)}`;
+    parts.push(make('path', {class: 'force halo', d}), make('path', {class: 'force', d}));
+    if (c === shown[0]) label = make('text', {class: 'force-size', x: Math.max(32, Math.min(width - 32, (x + a) / 2)).toFixed(1),
+      y: Math.max(12, Math.min(y, b) - 8).toFixed(1), 'text-anchor': 'middle'}, `${digits(size_of(c.force), 3)} N`);
   }
-  return parts;
+  return label ? [...parts, label] : parts;
 }
 const contact_text = state => state.contacts.length ? `Contact presses on ${state.contacts.length === 1 ? 'one patch'
   : state.contacts.length + ' patches'}, hardest with ${digits(size_of(state.contacts[0].force), 3)} N.` : '';

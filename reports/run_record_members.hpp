@@ -328,6 +328,8 @@ void describe(auto&& a, RunRecord& record) {
   if (a.there("interrupted")) a("interrupted", record.interrupted);
   a("controls", record.controls);
   if (a.there("channels")) a("channels", record.channels);
+  if (a.there("control_columns", !record.control_columns.empty())) a("control_columns", record.control_columns);
+  if (a.there("channel_columns", !record.channel_columns.empty())) a("channel_columns", record.channel_columns);
   a["load"]("label", record.load_label);
   a["load"]("control", record.load_control);
   if (a["load"].there("by_tension", record.by_tension)) a["load"]("by_tension", record.by_tension);

@@ -117,7 +117,10 @@ struct RunRecord {
   std::vector<std::pair<std::string, std::string>> setup;  ///< "mesh", "quadratic ..." lines for the report
   std::vector<AxisRecord> controls;                        ///< in the order of ReadingRecord::controls
   std::vector<AxisRecord> channels;                        ///< all that readings and curves name
-  std::string load_label;                                  ///< "load", for axes
+  /// Columns of the bench's own file, with their units: "mass_g". One per control and channel, "" where there is none;
+  /// or none at all.
+  std::vector<std::string> control_columns, channel_columns;
+  std::string load_label;                  ///< "load", for axes
   int load_control = -1;                   ///< index among the controls of the load that the figures are drawn over
   bool by_tension = false;                 ///< that is a cable's tension, which is no load on what is measured
   std::vector<double> load_newtons;        ///< per reading: the load as a force [N]
