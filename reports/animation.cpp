@@ -166,7 +166,7 @@ void add_values(Json& json, const SimulationRecord& record, const std::vector<si
 }  // namespace
 
 std::string animation_json(const SimulationRecord& record, size_t budget) {
-  const plot::Surface surface = plot::surface_of(record.mesh);
+  const plot::Surface surface = boundary_surface(record.mesh);
   const plot::Bounds bounds = plot::bounds_of(record);
   const double step = (bounds.upper - bounds.lower).maxCoeff() / kSteps;
   std::vector<std::vector<int>> steps;

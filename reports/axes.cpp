@@ -7,6 +7,9 @@
 #include <numbers>
 #include <stdexcept>
 
+#include "reports/figures.hpp"
+#include "sim/core/units.hpp"
+
 namespace taut {
 
 std::string text_of(const AxisRecord& control, double value) {
@@ -102,6 +105,45 @@ std::string ReadingUnits::column(const std::string& name) const {
 std::string ReadingUnits::ended(std::string line, const std::string& unit) const {
   if (!common_) line.insert(line.size() - 1, "," + unit);
   return line;
+}
+
+BenchColumns::BenchColumns(const RunRecord& record, const std::vector<std::string>& names) {
+  const auto unit_of = [](const AxisRecord& axis, const std::string& column) -> std::optional<HeaderUnit> {
+    std::optional<HeaderUnit> unit = unit_in_header(column);
+    const bool same = unit && axis.labels.empty() && name_of(unit->quantity) == axis.quantity;
+    return same ? unit : std::nullopt;
+  };
+  for (size_t c = 0; c < record.control_columns.size(); ++c) {
+    const std::optional<HeaderUnit> unit = unit_of(record.controls[c], record.control_columns[c]);
+    if (!unit || unit->factor == 1) continue;
+    controls_.emplace_back(c, unit->factor);
+    heads_ += "," + plot::field(record.control_columns[c]);
+  }
+  for (size_t c = 0; c < record.channel_columns.size(); ++c) {
+    const std::optional<HeaderUnit> unit = unit_of(record.channels[c], record.channel_columns[c]);
+    if (!unit) continue;
+    channels_[record.channels[c].id] = {unit->unit, unit->factor};
+    readings_ |= unit->factor != 1;
+  }
+  if (!readings_) return;
+  units_ = channels_.size() < record.channels.size() || std::ranges::any_of(channels_, [&](const auto& one) {
+             return one.second.name != channels_.begin()->second.name;
+           });
+  for (const std::string& name : names)
+    heads_ += "," + name + "_" + (units_ ? "in_file" : column_suffix(channels_.begin()->second.name));
+  if (units_) heads_ += ",unit_in_file";
+}
+
+std::string BenchColumns::fields(const std::vector<double>& controls, const std::string& channel,
+                                 const std::vector<double>& values) const {
+  std::string text;
+  for (const auto& [c, factor] : controls_) text += fmt::format(",{:.10g}", controls.at(c) / factor);
+  if (!readings_) return text;
+  const auto unit = channels_.find(channel);
+  for (const double value : values)
+    text += unit != channels_.end() && std::isfinite(value) ? fmt::format(",{:.8g}", value / unit->second.factor) : ",";
+  if (units_) text += unit == channels_.end() ? "," : "," + plot::field(unit->second.name);
+  return text;
 }
 
 }  // namespace taut

@@ -2,6 +2,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "calib/runs/run_record.hpp"
@@ -69,6 +70,30 @@ class ReadingUnits {
   std::map<std::string, WrittenUnit> units_;
   std::optional<WrittenUnit> common_;
   std::string what_ = "value";
+};
+
+/// What stands in tables beside SI: the same numbers in the units of the bench's own file, controls under the heads
+/// that they have there ("mass_g"), readings under names that end in the file's unit ("predicted_mm"). Where channels
+/// have different units, under "predicted_in_file" and so on, with the unit in a last column "unit_in_file". Nothing of
+/// what the file has in SI, or without a unit.
+class BenchColumns {
+ public:
+  /// `names`: of the numbers that have the unit of a channel.
+  BenchColumns(const RunRecord& record, const std::vector<std::string>& names);
+  const std::string& heads() const { return heads_; }  ///< each with a comma before it; "": there are none
+  /// The fields below them; `values` has a number [SI] for each of the names.
+  std::string fields(const std::vector<double>& controls, const std::string& channel,
+                     const std::vector<double>& values) const;
+
+ private:
+  struct Unit {
+    std::string name;
+    double factor;  ///< SI value of one
+  };
+  std::vector<std::pair<size_t, double>> controls_;  ///< which, and the SI value of one unit
+  std::map<std::string, Unit> channels_;
+  bool readings_ = false, units_ = false;  ///< whether readings, and their units, stand there
+  std::string heads_;
 };
 
 }  // namespace taut

@@ -46,7 +46,9 @@ std::string with_contents(std::string body) {
       id = text_between(body, next, drawn, "\"");
       text = text_between(body, next, "data-title=\"", "\"");
       for (const std::string said : {"SIMULATED DATA: ", "Simulation: "}) {  // above the page
-        if (text.starts_with(said)) text.erase(0, said.size());
+        if (!text.starts_with(said)) continue;
+        text.erase(0, said.size());
+        if (!text.empty() && text[0] >= 'a' && text[0] <= 'z') text[0] = static_cast<char>(text[0] - 'a' + 'A');
       }
     }
     links += fmt::format("<li><a href=\"#{}\">{}</a></li>\n", id, text);

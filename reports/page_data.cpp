@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <map>
 #include <nlohmann/json.hpp>
 
@@ -21,8 +22,8 @@ using plot::kMillimetre;
 constexpr double kShapeSteps = 4000;  // along the window's largest side: finer than a screen shows
 
 /// Figures that report.js draws itself, by their CSV.
-constexpr std::array<const char*, 4> kLive = {"force_displacement", "residuals", "effective_stiffness",
-                                              "stress_strain"};
+constexpr std::array<const char*, 5> kLive = {"force_displacement", "residuals", "effective_stiffness", "stress_strain",
+                                              "search_history"};
 
 /// Six digits: no screen shows more. Null for what is not known.
 Json six_digits(double value) {
@@ -30,41 +31,64 @@ Json six_digits(double value) {
   return std::stod(fmt::format("{:.6g}", value));
 }
 
-/// Points of shapes in whole steps from a corner.
+/// Points of shapes in whole steps from a corner: in the drawing plane, or in space where the record has a surface.
 class Steps {
  public:
-  explicit Steps(const RunRecord& record) {
+  explicit Steps(const RunRecord& record)
+      : dimension_(record.surface.triangles.empty() ? 2 : 3), low_(dimension_, INFINITY), high_(dimension_, -INFINITY) {
     for (const ShapeRecord& shape : record.shapes) {
-      for (const auto& [x0, y0, x1, y1] : shape.segments) widen({x0, y0}), widen({x1, y1});
-      for (const ShapeRecord::Line& cable : shape.cables) std::ranges::for_each(cable, [&](auto& p) { widen(p); });
+      if (in_space()) {
+        widen(shape.points);
+        for (const std::vector<double>& cable : shape.space_cables) widen(cable);
+        continue;
+      }
+      for (const auto& segment : shape.segments) widen(segment);
+      for (const ShapeRecord::Line& cable : shape.cables) {
+        for (const auto& point : cable) widen(point);
+      }
     }
-    const double size = std::max(high_[0] - low_[0], high_[1] - low_[1]);
+    double size = 0;
+    for (size_t c = 0; c < dimension_; ++c) size = std::max(size, high_[c] - low_[c]);
     step_ = size > 0 && std::isfinite(size) ? size / kShapeSteps : kMillimetre;
   }
-  Json lower() const { return {six_digits(low_[0] / kMillimetre), six_digits(low_[1] / kMillimetre)}; }
+  bool in_space() const { return dimension_ == 3; }
+  Json lower() const {
+    Json json = Json::array();
+    for (const double value : low_) json.push_back(six_digits(value / kMillimetre));
+    return json;
+  }
   double step() const { return step_; }
 
-  template <class Points>
-  Json operator()(const Points& points) const {
+  /// Of coordinates one after the other.
+  std::vector<long> of(const auto& coordinates) const {
+    std::vector<long> list;
+    for (size_t c = 0; c < coordinates.size(); ++c)
+      list.push_back(std::lround((coordinates[c] - low_[c % dimension_]) / step_));
+    return list;
+  }
+  /// Of points.
+  Json operator()(const auto& points) const {
     Json list = Json::array();
     for (const auto& point : points) {
-      for (size_t c = 0; c < point.size(); ++c) list.push_back(std::lround((point[c] - low_[c % 2]) / step_));
+      for (const long step : of(point)) list.push_back(step);
     }
     return list;
   }
 
  private:
-  void widen(const std::array<double, 2>& p) {
-    for (size_t c = 0; c < 2; ++c) {
-      low_[c] = std::min(low_[c], p[c]);
-      high_[c] = std::max(high_[c], p[c]);
+  void widen(const auto& coordinates) {
+    for (size_t c = 0; c < coordinates.size(); ++c) {
+      low_[c % dimension_] = std::min(low_[c % dimension_], coordinates[c]);
+      high_[c % dimension_] = std::max(high_[c % dimension_], coordinates[c]);
     }
   }
-  std::array<double, 2> low_ = {INFINITY, INFINITY}, high_ = {-INFINITY, -INFINITY};
+  size_t dimension_;
+  std::vector<double> low_, high_;
   double step_;
 };
 
-Json state_json(const ShapeRecord& shape, const Steps& steps) {
+/// `before`: the state that is shown before it, from which points in space are counted; null: none.
+Json state_json(const ShapeRecord& shape, const ShapeRecord* before, const Steps& steps) {
   Json state{{"label", shape.label}, {"row", shape.row}, {"column", shape.column}, {"areas", Json::array()}};
   for (const ShapeRecord::Area& area : shape.areas) {
     Json& loops = state["areas"].emplace_back(Json::array());
@@ -72,16 +96,37 @@ Json state_json(const ShapeRecord& shape, const Steps& steps) {
   }
   state["cables"] = Json::array();
   for (const ShapeRecord::Line& cable : shape.cables) state["cables"].push_back(steps(cable));
-  state["lines"] = shape.areas.empty() ? steps(shape.segments) : Json::array();  // else they are the areas' loops
+  const bool as_lines = shape.areas.empty() && !steps.in_space();  // else they are the areas' loops
+  state["lines"] = as_lines ? steps(shape.segments) : Json::array();
+  if (steps.in_space()) {
+    std::vector<long> points = steps.of(shape.points);
+    if (before != nullptr) std::ranges::transform(points, steps.of(before->points), points.begin(), std::minus());
+    state["points"] = points;
+    for (const std::vector<double>& cable : shape.space_cables) state["cables"].push_back(steps.of(cable));
+  }
+  state["contacts"] = Json::array();
+  for (const ContactRecord& contact : shape.contacts) {
+    Json force = Json::array();
+    for (const double value : contact.force) force.push_back(six_digits(value));
+    state["contacts"].push_back(
+        {{"at", steps.of(contact.centre)}, {"force", force}, {"places", steps.of(contact.places)}});
+  }
   return state;
+}
+
+Json states_json(const RunRecord& record, const std::vector<size_t>& shown, const Steps& steps) {
+  Json states = Json::array();
+  for (size_t i = 0; i < shown.size(); ++i)
+    states.push_back(state_json(record.shapes[shown[i]], i > 0 ? &record.shapes[shown[i - 1]] : nullptr, steps));
+  return states;
 }
 
 /// Shapes of the record that are shown, first and last among them: at most `budget` bytes of them.
 std::vector<size_t> shown_shapes(const RunRecord& record, const Steps& steps, size_t budget) {
-  size_t bytes = 0;
-  for (const ShapeRecord& shape : record.shapes) bytes += state_json(shape, steps).dump().size();
   const size_t all = record.shapes.size();
-  return plot::evenly_chosen(all, bytes > budget ? std::max<size_t>(2, all * budget / bytes) : all);
+  const std::vector<size_t> each = plot::evenly_chosen(all, all);
+  const size_t bytes = states_json(record, each, steps).dump().size();
+  return bytes > budget ? plot::evenly_chosen(all, std::max<size_t>(2, all * budget / bytes)) : each;
 }
 
 Json shapes_json(const RunRecord& record, const std::vector<size_t>& shown, const Steps& steps) {
@@ -89,11 +134,14 @@ Json shapes_json(const RunRecord& record, const std::vector<size_t>& shown, cons
             {"lower", steps.lower()},
             {"step", steps.step() / kMillimetre},
             {"regions", Json::array()},
-            {"states", Json::array()}};
-  for (const ShapeRecord::Area& area : record.shapes[shown.front()].areas)
-    json["regions"].push_back(
-        {{"name", area.region}, {"colour", plot::region_colour(area.region, json["regions"].size())}});
-  for (const size_t i : shown) json["states"].push_back(state_json(record.shapes[i], steps));
+            {"triangles", record.surface.triangles},
+            {"triangle_regions", record.surface.triangle_regions},
+            {"states", states_json(record, shown, steps)}};
+  const auto add_region = [&](const std::string& name) {
+    json["regions"].push_back({{"name", name}, {"colour", plot::region_colour(name, json["regions"].size())}});
+  };
+  for (const ShapeRecord::Area& area : record.shapes[shown.front()].areas) add_region(area.region);
+  std::ranges::for_each(record.surface.regions, add_region);
   return json;
 }
 
@@ -182,8 +230,12 @@ std::string within_script(std::string json) {
 }
 
 std::string interactive(const RunRecord& record, const std::vector<Section>& sections, size_t budget) {
-  return fmt::format("<script type=\"application/json\" id=\"run-data\">{}</script>\n<script>\n{}</script>\n",
-                     within_script(page_data(record, sections, budget)), page_text("report.js"));
+  std::string page = fmt::format("<script type=\"application/json\" id=\"run-data\">{}</script>\n",
+                                 within_script(page_data(record, sections, budget)));
+  if (!record.surface.triangles.empty())
+    page += fmt::format("<script>\n/*\n{}*/\n{}\n</script>\n<script>\n{}</script>\n", page_text("three_licence.txt"),
+                        page_text("three.min.js"), page_text("space.js"));
+  return page + fmt::format("<script>\n{}</script>\n", page_text("report.js"));
 }
 
 }  // namespace taut

@@ -4,7 +4,8 @@
 
 namespace taut {
 
-/// Files of this folder that pages hold, by name, as the build embeds them: "page.css", "report.js", "animation.html".
+/// Files of this folder that pages hold, by name, as the build embeds them: "page.css", "report.js", "animation.html",
+/// "space.js", and of another's work "three.min.js" with its licence.
 /// Used inside reports/ only.
 const std::map<std::string_view, std::string_view>& page_texts();
 

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <Eigen/Eigenvalues>
+#include <algorithm>
 #include <cmath>
 #include <map>
 
@@ -118,6 +119,33 @@ void check_ensembles(const RecordChecker& checker, const RunRecord& record) {
   }
 }
 
+/// What shapes in space say of their surface, and what presses on them.
+void check_shapes(const RecordChecker& checker, const RunRecord& record) {
+  const SurfaceRecord& surface = record.surface;
+  const std::vector<int>& triangles = surface.triangles;
+  checker.need(triangles.size() == 3 * surface.triangle_regions.size(), "surface.triangles",
+               "three points and one region for each");
+  for (const int region : surface.triangle_regions)
+    checker.need(region >= 0 && region < static_cast<int>(surface.regions.size()), "surface.triangle_regions",
+                 fmt::format("there is no region {}", region));
+  const int largest = triangles.empty() ? -1 : *std::ranges::max_element(triangles);
+  checker.need(triangles.empty() || *std::ranges::min_element(triangles) >= 0, "surface.triangles",
+               "a point is not negative");
+  for (size_t i = 0; i < record.shapes.size(); ++i) {
+    const ShapeRecord& shape = record.shapes[i];
+    const auto key = [&](const char* member) { return fmt::format("shapes[{}].{}", i, member); };
+    checker.need(shape.points.size() % 3 == 0 && static_cast<int>(shape.points.size() / 3) > largest, key("points"),
+                 fmt::format("three coordinates for each of {} points", largest + 1));
+    checker.same_length(shape.points.size(), record.shapes.front().points.size(), key("points"), "at rest");
+    for (const std::vector<double>& cable : shape.space_cables)
+      checker.need(cable.size() % 3 == 0, key("space_cables"), "three coordinates for each point");
+    const size_t d = shape.points.empty() ? 2 : 3;
+    for (const ContactRecord& contact : shape.contacts)
+      checker.need(contact.centre.size() == d && contact.force.size() == d && contact.places.size() % d == 0,
+                   key("contacts"), fmt::format("{} coordinates for each point and force", d));
+  }
+}
+
 }  // namespace
 
 void check_record(const RunRecord& record, const std::string& file) {
@@ -140,6 +168,13 @@ void check_record(const RunRecord& record, const std::string& file) {
   check_curves(checker, record.curves, "curves");
   check_curves(checker, record.start_curves, "start_curves");
   check_ensembles(checker, record);
+  check_shapes(checker, record);
+  if (!record.control_columns.empty())
+    checker.same_length(record.control_columns.size(), record.controls.size(), "control_columns", "controls");
+  if (!record.channel_columns.empty())
+    checker.same_length(record.channel_columns.size(), record.channels.size(), "channel_columns", "channels");
+  checker.need(!std::ranges::any_of(fit.history, [&](const SearchStep& step) { return step.values.size() != n; }),
+               "fit.history", "a value for each parameter");
   checker.need(record.load_control >= -1, "load.control", "-1 is for none");
   checker.need(record.trend_degree >= 0 && record.trend_degree <= 5, "trend_degree", "a trend has a degree up to 5");
 }

@@ -50,6 +50,14 @@ struct ReadingColumns {
   }
 };
 
+/// For the heads of columns: a reading that there might be.
+ReadingRecord any_reading(const RunRecord& record) {
+  ReadingRecord reading;
+  reading.controls.resize(record.controls.size());
+  if (!record.channels.empty()) reading.channel = record.channels.front().id;
+  return reading;
+}
+
 }  // namespace
 
 std::string report_html(const RunRecord& record) {
@@ -65,6 +73,7 @@ std::vector<Figure> write_report(const RunRecord& record, const std::string& fol
 
 std::string predictions_csv(const RunRecord& record) {
   const ReadingUnits units(record, ReadingUnits::si);
+  const BenchColumns in_file(record, {"measured", "sigma", "predicted", "prediction_se", "residual"});
   const bool any_excluded = std::ranges::any_of(record.readings, &ReadingRecord::excluded);
   const bool any_marked =
       std::ranges::any_of(record.readings, [](const ReadingRecord& r) { return !r.equilibria.empty(); });
@@ -72,7 +81,7 @@ std::string predictions_csv(const RunRecord& record) {
     ReadingColumns columns{record, units};
     describe(columns, reading);
     for (const EnsembleRecord& ensemble : record.ensembles) {
-      if (ensemble.bands.size() != record.readings.size()) continue;
+      if (ensemble.bands.empty() || ensemble.bands.size() != record.readings.size()) continue;
       columns(ensemble.kind + "_lower95", ensemble.bands[place][0], InUnitOfChannel());
       columns(ensemble.kind + "_upper95", ensemble.bands[place][1], InUnitOfChannel());
     }
@@ -82,11 +91,18 @@ std::string predictions_csv(const RunRecord& record) {
     if (any_excluded) columns("excluded", static_cast<int>(reading.excluded));
     if (any_marked) columns("equilibria", reading.equilibria);
     columns.heads.back() = columns.fields.back() = '\n';
+    // Behind a column of units, too, which goes with what stands before it.
+    columns.heads = units.heads(columns.heads);
+    if (record.channels.empty()) return columns;  // and no reading
+    columns.fields = units.row(columns.fields, reading.channel);
+    columns.heads.insert(columns.heads.size() - 1, in_file.heads());
+    columns.fields.insert(columns.fields.size() - 1, in_file.fields(reading.controls, reading.channel,
+                                                                    {reading.measured, reading.sigma, reading.predicted,
+                                                                     reading.prediction_se, residual}));
     return columns;
   };
-  std::string out = units.heads(columns_of({}, 0).heads);
-  for (size_t i = 0; i < record.readings.size(); ++i)
-    out += units.row(columns_of(record.readings[i], i).fields, record.readings[i].channel);
+  std::string out = columns_of(any_reading(record), 0).heads;
+  for (size_t i = 0; i < record.readings.size(); ++i) out += columns_of(record.readings[i], i).fields;
   return out;
 }
 

@@ -39,52 +39,119 @@ function table_of(text) {
 
 // ---- Shapes
 
-const S = D.shapes;
+/// Coordinates of a point.
+const n = D.shapes && D.shapes.triangles.length ? 3 : 2;
+const space = n === 3 ? taut_space(D.shapes) : null;
+const S = n === 3 && !space ? null : D.shapes;
 /// Window of all shapes in steps: what is drawn is drawn in one scale.
 const extent = S && (() => {
-  let w = 0, h = 0;
-  const see = list => { for (let i = 0; i < list.length; i += 2) { w = Math.max(w, list[i]); h = Math.max(h, list[i + 1]); } };
-  for (const state of S.states) { state.areas.flat().forEach(see); state.cables.forEach(see); see(state.lines); }
-  return {w: Math.max(w, 1), h: Math.max(h, 1)};
+  const low = Array(n).fill(Infinity), high = Array(n).fill(-Infinity);
+  const see = list => list.forEach((v, i) => { low[i % n] = Math.min(low[i % n], v); high[i % n] = Math.max(high[i % n], v); });
+  S.states.forEach((state, k) => { state.areas.flat().forEach(see); state.cables.forEach(see); see(space ? space.places[k] : state.lines); });
+  return {middle: low.map((v, i) => (v + high[i]) / 2), size: low.map((v, i) => Math.max(high[i] - v, 1))};
 })();
 const resting = S ? S.states.findIndex(state => state.label.startsWith('rest')) : -1;
+const size_of = force => Math.hypot(...force);
+/// The largest contact force of all states [N]: arrows of all pictures have one scale.
+const largest_force = S ? Math.max(0, ...S.states.flatMap(state => state.contacts.map(c => size_of(c.force)))) : 0;
+const dot = (a, b) => a.reduce((sum, v, i) => sum + v * b[i], 0);
+const whole_view = () => ({x: 0, y: 0, zoom: 1, azimuth: -Math.PI / 4, elevation: 0.5});
+/// Unit vectors of a view: to the right, up, towards the viewer. In space the second of the drawing's axes points up.
+function directions(view) {
+  if (n === 2) return [[1, 0], [0, 1], null];
+  const [ca, sa, ce, se] = [Math.cos(view.azimuth), Math.sin(view.azimuth), Math.cos(view.elevation), Math.sin(view.elevation)];
+  const top = 'xyz'.indexOf(S.axes[1]), along = (a, b, c) => [0, 1, 2].map(i => [c, a, b][(i - top + 3) % 3]);
+  return [along(-sa, ca, 0), along(-se * ca, -se * sa, ce), along(ce * ca, ce * sa, se)];
+}
 
-/// Draws a state into `svg`; `view` {x, y, zoom} is the middle in steps, and how far it is magnified.
-function draw_shape(svg, k, view) {
-  const width = svg.clientWidth || 320, margin = 12;
-  const scale = (width - 2 * margin) / extent.w * view.zoom, height = Math.max(90, Math.min(460,
-      (width - 2 * margin) / extent.w * extent.h + 2 * margin + 26));
-  const fit = Math.min(scale, (height - 2 * margin - 26) / extent.h * view.zoom);
+/// Draws a state into `stage` (stage_of()); `view` is the middle in steps, how far it is magnified, and in space from where
+/// it is seen.
+function draw_shape(stage, k, view) {
+  const [canvas, svg] = [stage.querySelector('canvas'), stage.querySelector('svg')];
+  const width = stage.clientWidth || 320, margin = 14, foot = 26, [right, up, toward] = directions(view);
+  const wide = axis => dot(axis.map(Math.abs), extent.size);
+  const height = n === 3 ? Math.round(Math.max(260, Math.min(460, width * 0.6)))
+    : Math.max(90, Math.min(460, (width - 2 * margin) / wide(right) * wide(up) + 2 * margin + foot));
+  const fit = Math.min((width - 2 * margin) / wide(right), (height - 2 * margin - foot) / wide(up)) * view.zoom;
   svg.setAttribute('viewBox', `0 0 ${width} ${height}`);
   svg.style.height = height + 'px';
-  const px = (x, y) => `${(width / 2 + fit * (x - view.x)).toFixed(1)} ${((height - 26) / 2 - fit * (y - view.y)).toFixed(1)}`;
+  const place = point => {
+    const from = point.map((v, i) => v - extent.middle[i]);
+    return [width / 2 + fit * (dot(right, from) - view.x), (height - foot) / 2 - fit * (dot(up, from) - view.y)];
+  };
+  const px = (list, i) => place(list.slice(i, i + n)).map(v => v.toFixed(1)).join(' ');
   const line = (points, close) => {
     let d = '';
-    for (let i = 0; i < points.length; i += 2) d += (i ? 'L' : 'M') + px(points[i], points[i + 1]);
+    for (let i = 0; i < points.length; i += n) d += (i ? 'L' : 'M') + px(points, i);
     return d + (close ? 'Z' : '');
   };
   const strokes = points => {
     let d = '';
-    for (let i = 0; i < points.length; i += 4) d += 'M' + px(points[i], points[i + 1]) + 'L' + px(points[i + 2], points[i + 3]);
+    for (let i = 0; i < points.length; i += 2 * n) d += 'M' + px(points, i) + 'L' + px(points, i + n);
     return d;
   };
   const outline = state => state.areas.flat().map(loop => line(loop, true)).join('') + strokes(state.lines);
   const state = S.states[k], parts = [make('title', {}, `Deformed shape: ${state.label}`)];
-  state.areas.forEach((loops, r) => parts.push(make('path', {d: loops.map(l => line(l, true)).join(''),
+  if (space) {
+    const colour = name => getComputedStyle(stage).getPropertyValue(name).trim();
+    canvas.style.height = height + 'px';
+    // The middle stands above the foot, where the length to measure by is.
+    space.paint(canvas, k, {right, up, toward, middle: extent.middle, scale: fit, x: view.x, y: view.y - foot / 2 / fit, width, height,
+      ink: colour('--edge'), grey: colour('--rest')});
+  } else {
+    state.areas.forEach((loops, r) => parts.push(make('path', {d: loops.map(l => line(l, true)).join(''),
       fill: S.regions[r] ? S.regions[r].colour : '#ccc'})));
-  if (resting >= 0 && resting !== k)
-    parts.push(make('path', {d: outline(S.states[resting]), fill: 'none', stroke: 'var(--rest)', 'stroke-dasharray': '3 3'}));
-  parts.push(make('path', {d: outline(state), fill: 'none', stroke: 'var(--ink)', 'stroke-linejoin': 'round'}));
+    if (resting >= 0 && resting !== k)
+      parts.push(make('path', {d: outline(S.states[resting]), fill: 'none', stroke: 'var(--rest)', 'stroke-dasharray': '3 3'}));
+    parts.push(make('path', {d: outline(state), fill: 'none', stroke: 'var(--ink)', 'stroke-linejoin': 'round'}));
+  }
   for (const cable of state.cables) parts.push(make('path', {d: line(cable, false), fill: 'none', stroke: 'var(--cable)', 'stroke-width': 2}));
-  // A length to measure by.
+  parts.push(...contact_marks(state, place, [right, up], width));
+  // A length to measure by, and where the axes point.
   const raw = 90 / fit * S.step, power = 10 ** Math.floor(Math.log10(raw)), mm = [5, 2, 1].find(f => f * power <= raw) * power;
   const long = mm / S.step * fit, y = height - 9;
   parts.push(make('path', {d: `M12 ${y - 5}V${y}H${12 + long}V${y - 5}`, fill: 'none', stroke: 'var(--soft)', 'stroke-width': 1.5}));
   parts.push(make('text', {x: 18 + long, y: y + 1}, `${+mm.toPrecision(2)} mm`));
+  if (space) {
+    ['x', 'y', 'z'].forEach((name, c) => {
+      const [a, b] = [width - 44 + 26 * right[c], height - 44 - 26 * up[c]];
+      parts.push(make('path', {class: 'axis', d: `M${width - 44} ${height - 44}L${a.toFixed(1)} ${b.toFixed(1)}`, stroke: 'var(--soft)'}),
+        make('text', {x: (width - 44 + 36 * right[c]).toFixed(1), y: (height - 40 - 36 * up[c]).toFixed(1), 'text-anchor': 'middle'}, name));
+    });
+  }
   svg.replaceChildren(...parts);
   return fit;
 }
-const whole_view = () => ({x: extent.w / 2, y: extent.h / 2, zoom: 1});
+/// Where something presses: dots on the boundary, an arrow for the net force of each patch, and the largest force in newtons.
+function contact_marks(state, place, [right, up], width) {
+  const parts = [], shown = state.contacts.filter(c => size_of(c.force) > 0.02 * largest_force);
+  let dots = '', label = null;
+  for (const c of state.contacts) {
+    for (let i = 0; i < c.places.length; i += n) {
+      const [x, y] = place(c.places.slice(i, i + n));
+      dots += `M${(x - 1.8).toFixed(1)} ${y.toFixed(1)}a1.8 1.8 0 1 0 3.6 0a1.8 1.8 0 1 0 -3.6 0Z`;
+    }
+  }
+  if (dots) parts.push(make('path', {class: 'touched', d: dots}));
+  for (const c of shown) {
+    const [x, y] = place(c.at), f = [dot(right, c.force), -dot(up, c.force)].map(v => v / largest_force), long = Math.hypot(...f);
+    if (long < 1e-3) continue;  // seen along the force
+    const s = (14 + 34 * long) / long, [u, v] = f.map(w => w / long), [a, b] = [x + s * f[0], y + s * f[1]];
+    const at = (along, across) => `${(a - along * u - across * v).toFixed(1)} ${(b - along * v + across * u).toFixed(1)}`;
+    const d = `M${x.toFixed(1)} ${y.toFixed(1)}L${a.toFixed(1)} ${b.toFixed(1)}M${at(7, 4)}L${at(0, 0)}L${at(7, -4)}`;
+    parts.push(make('path', {class: 'force halo', d}), make('path', {class: 'force', d}));
+    if (c === shown[0]) label = make('text', {class: 'force-size', x: Math.max(32, Math.min(width - 32, (x + a) / 2)).toFixed(1),
+      y: Math.max(12, Math.min(y, b) - 8).toFixed(1), 'text-anchor': 'middle'}, `${digits(size_of(c.force), 3)} N`);
+  }
+  return label ? [...parts, label] : parts;
+}
+const contact_text = state => state.contacts.length ? `Contact presses on ${state.contacts.length === 1 ? 'one patch'
+  : state.contacts.length + ' patches'}, hardest with ${digits(size_of(state.contacts[0].force), 3)} N.` : '';
+/// What shapes are drawn into.
+function stage_of(attributes) {
+  const svg = make('svg', attributes);
+  return make('div', {class: n === 3 ? 'stage in-space' : 'stage'}, ...(space ? [make('canvas', {'aria-hidden': 'true'})] : []), svg);
+}
 
 /// What was read in a state.
 function readings_text(k) {
@@ -103,7 +170,7 @@ function show_shapes(figure) {
   if (!states.length) return null;
   const rows = unique(states.map(k => S.states[k].row));
   let at = states[0], view = whole_view(), fit = 1, playing = 0;
-  const svg = make('svg', {role: 'img', tabindex: 0});
+  const stage = stage_of({role: 'img', tabindex: 0}), svg = stage.querySelector('svg');
   const text = make('output', {'aria-live': 'polite'}), read = make('p', {class: 'note'});
   const in_row = () => states.filter(k => S.states[k].row === S.states[at].row);
   const slider = (name, change) => {
@@ -133,12 +200,27 @@ function show_shapes(figure) {
     held_text.textContent = state.row || 'nothing';
     text.textContent = state.column || state.label;
     svg.setAttribute('aria-label', `Deformed shape: ${state.label}`);
-    read.textContent = readings_text(k);
-    fit = draw_shape(svg, at, view);
+    read.textContent = [readings_text(k), contact_text(state)].filter(Boolean).join('. ');
+    fit = draw_shape(stage, at, view);
   }
   const zoom = factor => { view = factor ? {...view, zoom: Math.max(1, Math.min(200, view.zoom * factor))} : whole_view(); go(at); };
-  drag(svg, {move: (dx, dy) => { view.x -= dx / fit; view.y += dy / fit; go(at); }});
+  const turn = (left, down) => {
+    view.azimuth -= left;
+    view.elevation = Math.max(-1.57, Math.min(1.57, view.elevation + down));
+    go(at);
+  };
+  drag(svg, {touch: n === 3, move: (dx, dy, from, to, e) => {
+    if (n === 3 && !e.shiftKey) return turn(0.01 * dx, 0.01 * dy);
+    view.x -= dx / fit;
+    view.y += dy / fit;
+    go(at);
+  }});
   svg.addEventListener('keydown', e => {
+    const turned = n === 3 && e.shiftKey && {ArrowLeft: [-0.15, 0], ArrowRight: [0.15, 0], ArrowUp: [0, -0.15], ArrowDown: [0, 0.15]}[e.key];
+    if (turned) {
+      e.preventDefault();
+      return turn(...turned);
+    }
     const move = {ArrowLeft: -1, ArrowRight: 1}[e.key], factor = {'+': 1.4, '=': 1.4, '-': 1 / 1.4, 0: 0}[e.key];
     if (move) go(states[Math.max(0, Math.min(states.length - 1, states.indexOf(at) + move))]);
     else if (factor !== undefined) zoom(factor);
@@ -150,14 +232,18 @@ function show_shapes(figure) {
       {style: `display:inline-block;width:1.2em;height:.8em;margin:0 .4em;background:${region.colour}`}), region.name);
   if (S.states.some(state => state.cables.length))
     key.append(make('i', {style: 'display:inline-block;width:1.2em;height:.2em;margin:0 .4em .25em .8em;background:var(--cable)'}), 'cable');
-  if (resting >= 0) key.append(make('span', {style: 'margin-left:.8em'}, 'Dashed: at rest.'));
-  key.append(` To scale, seen along ${S.axes[0]} and ${S.axes[1]}.`);
+  if (largest_force > 0) key.append(make('i', {style: 'display:inline-block;width:1.2em;height:.2em;margin:0 .4em .25em .8em;background:var(--contact)'}),
+    `contact: dots where something presses, arrows for the force on the specimen (the longest: ${digits(largest_force, 3)} N)`);
+  if (resting >= 0) key.append(make('span', {style: 'margin-left:.8em'}, n === 3 ? 'Grey lines: at rest.' : 'Dashed: at rest.'));
+  key.append(n === 3 ? ` To scale${S.states.some(state => state.cables.length || state.contacts.length) ? '; cables and contact are seen through the body' : ''}.` : ` To scale, in the plane of ${S.axes[0]} and ${S.axes[1]}.`);
   if (S.states.length < D.stored) key.append(` ${S.states.length} of ${D.stored} stored shapes (thinned out to keep this file small).`);
   const live = make('div', {class: 'live'}, make('h3', {}, D.before + 'Deformed shapes'),
     ...(rows.length > 1 ? [make('div', {class: 'slide'}, make('span', {}, 'Held'), held, held_text)] : []),
     make('div', {class: 'slide'}, make('span', {}, rows.length > 1 ? 'Load' : 'Condition'), load, text, play),
-    make('div', {class: 'panel'}, make('div', {class: 'head'}, make('b', {}, ''), ...zoom_buttons('shapes', zoom)), svg), read, key,
-    make('p', {class: 'note'}, 'Drag to move; arrow keys go through the conditions, + and − zoom, 0 shows all.'));
+    make('div', {class: 'panel'}, make('div', {class: 'head'}, make('b', {}, ''), ...zoom_buttons('shapes', zoom)), stage), read, key,
+    make('p', {class: 'note'}, (n === 3 ? 'Drag to turn, with Shift to move; Shift and arrow keys turn, too;' : 'Drag to move;') +
+      ' arrow keys go through the conditions, + and − zoom, 0 shows all.'));
+  matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => go(at));
   attach(figure, live, () => go(at));
   return go;
 }
@@ -176,18 +262,18 @@ function zoom_buttons(name, zoom) {
     make('button', {type: 'button', 'aria-label': `${name}: ${what}`, click: () => zoom(factor)}, text));
 }
 /// Reports drags of a mouse or a pen: move(dx, dy, from, to) while it lasts, done(from, to) at its end, tap(at, event) where it did not move.
-/// Fingers scroll the page and tap.
-function drag(svg, {move, done, tap}) {
+/// Fingers scroll the page and tap; with `touch` they drag sideways, too.
+function drag(svg, {move, done, tap, touch = false}) {
   let from = null, last = null;
   const place = e => { const box = svg.getBoundingClientRect(); return [e.clientX - box.left, e.clientY - box.top]; };
   svg.addEventListener('pointerdown', e => {
     from = last = place(e);
-    if (e.pointerType !== 'touch') svg.setPointerCapture(e.pointerId);
+    if (touch || e.pointerType !== 'touch') svg.setPointerCapture(e.pointerId);
   });
   svg.addEventListener('pointermove', e => {
-    if (!from || !e.buttons || e.pointerType === 'touch') return;
+    if (!from || !e.buttons || (e.pointerType === 'touch' && !touch)) return;
     const to = place(e);
-    if (move) move(to[0] - last[0], to[1] - last[1], from, to);
+    if (move) move(to[0] - last[0], to[1] - last[1], from, to, e);
     last = to;
   });
   svg.addEventListener('pointerup', e => {
@@ -245,6 +331,13 @@ const kFigures = {
       item: r => ({x: number(r.strain), y: number(r.stress_kPa), y0: r.kind === 'reading' ? r.stress_kPa - r.sigma_kPa : number(r.band_lower_kPa),
           y1: r.kind === 'reading' ? +r.stress_kPa + +r.sigma_kPa : number(r.band_upper_kPa)})},
       scaled_misses('What this fit misses', () => 'engineering strain', r => number(r.strain))];
+  },
+  search_history(rows) {
+    const unit_of = Object.fromEntries(rows.map(r => [r.channel, r.unit]));
+    return [{title: 'The way of the search', y: channel => bracketed(channel.id, unit_of[channel.id]), x: () => 'evaluation of the model',
+      logarithmic: true, whole: true, heading: id => id, what: 'evaluations',
+      item: r => ({kind: r.kind === 'evaluation' ? 'reading' : 'line', x: number(r.evaluation), y: number(r.value),
+        text: `evaluation ${r.evaluation}, ${r.phase}\n${r.channel} ${digits(+r.value)} ${r.unit}`.trim()})}];
   },
 };
 
@@ -311,14 +404,15 @@ function show_chart(figure, name, go_to_shape) {
     };
     let view = null, map = null, chosen = -1, band = null;
     const svg = make('svg', {tabindex: 0, role: 'group', 'aria-roledescription': 'chart',
-      'aria-label': `${spec.title}, ${id}: ${points.length} readings. Arrow keys go from reading to reading, Enter shows the shape, + and − zoom, 0 shows all.`});
+      'aria-label': `${spec.title}, ${id}: ${points.length} ${spec.what || 'readings'}. Arrow keys go from one to the next, ${go_to_shape && !spec.what ? 'Enter shows the shape, ' : ''}+ and − zoom, 0 shows all.`});
     const tip = make('div', {class: 'tip', 'aria-live': 'polite', hidden: ''});
     const clip = `clip-${name}-${s}-${channels.indexOf(id)}`;
     const seen = () => points.filter(p => !hides(p));
 
     function draw() {
       const v = view || whole(), width = Math.max(svg.clientWidth, 240), height = Math.round(Math.max(230, Math.min(360, width * 0.66)));
-      const left = 52, right = width - 10, top = 8, bottom = height - 42;
+      const longest = Math.max(...tics_of(v.y0, v.y1, 6, logarithmic).map(y => digits(y, 6).length));
+      const left = Math.max(52, 24 + 7.4 * longest), right = width - 10, top = 8, bottom = height - 42;
       svg.setAttribute('viewBox', `0 0 ${width} ${height}`);
       svg.style.height = height + 'px';
       const f = logarithmic ? Math.log : y => y;
@@ -365,7 +459,7 @@ function show_chart(figure, name, go_to_shape) {
             'stroke-width': 1.4}));
         inside.append(make('path', {d: out ? kCross : kMarks[Math.max(0, trials.indexOf(p.trial)) % kMarks.length],
             transform: `translate(${at(p.x, p.y)})`,
-          fill: p === points[chosen] ? c : 'var(--paper)', 'fill-opacity': p === points[chosen] ? 1 : .55, stroke: c,
+          fill: p === points[chosen] || p.phase === 'cold replay' ? c : 'var(--paper)', 'fill-opacity': p === points[chosen] ? 1 : .55, stroke: c,
               'stroke-width': p === points[chosen] ? 3 : 1.4}));
       }
       parts.push(inside);
@@ -381,7 +475,7 @@ function show_chart(figure, name, go_to_shape) {
       tip.hidden = k < 0;
       if (k < 0) return;
       const p = points[k], i = p.reading, lines = [];
-      if (i === undefined) lines.push(`${digits(p.x)}, ${digits(p.y)}`);
+      if (i === undefined) p.text || lines.push(`${digits(p.x)}, ${digits(p.y)}`);
       else {
         const unit = channel.unit ? ' ' + channel.unit : '', residual = R.measured[i] - R.fitted[i];
         lines.push(`line ${R.line[i]}${R.trial[i] ? ', trial ' + R.trial[i] : ''}, ${R.channel[i]}`, R.setting[i],
@@ -451,7 +545,7 @@ function show_chart(figure, name, go_to_shape) {
       else return;
       e.preventDefault();
     });
-    const box = make('div', {class: 'panel'}, make('div', {class: 'head'}, make('b', {}, channels.length > 1 || id ? `Channel ${id}` : ''),
+    const box = make('div', {class: 'panel'}, make('div', {class: 'head'}, make('b', {}, spec.heading ? spec.heading(id) : channels.length > 1 || id ? `Channel ${id}` : ''),
         ...zoom_buttons(`${spec.title}, ${id}`, zoom)), svg, tip);
     return {box, draw: () => { say(-1); draw(); }};
   }
@@ -459,11 +553,11 @@ function show_chart(figure, name, go_to_shape) {
   function pin_shape(reading) {
     const k = R.shape[reading];
     if (k < 0) return;
-    const svg = make('svg', {role: 'img', 'aria-label': `Deformed shape: ${S.states[k].label}`});
+    const stage = stage_of({role: 'img', 'aria-label': `Deformed shape: ${S.states[k].label}`});
     const away = make('button', {type: 'button', 'aria-label': 'close the shape', click: () => { pinned.hidden = true; }}, '×');
-    pinned.replaceChildren(make('div', {class: 'head'}, make('b', {}, `Shape: ${S.states[k].label}`), away), svg);
+    pinned.replaceChildren(make('div', {class: 'head'}, make('b', {}, `Shape: ${S.states[k].label}`), away), stage);
     pinned.hidden = false;
-    draw_shape(svg, k, whole_view());
+    draw_shape(stage, k, whole_view());
     if (go_to_shape) go_to_shape(k);
   }
 
@@ -488,7 +582,8 @@ function show_chart(figure, name, go_to_shape) {
   const live = make('div', {class: 'live'}, make('h3', {}, D.before + title), switches, ...rows_of_panels.map(row => make('div', {class: 'panels'},
       ...row.map(p => p.box))),
     make('p', {class: 'note'},
-        'Point at a reading for its line and residual; drag a rectangle to zoom, double-click to see all.' + (S && R && R.shape.some(k => k >= 0) ? ' Click a reading for its shape.' : '')), pinned);
+        (specs[0].what ? 'Point at an evaluation for its value;' : 'Point at a reading for its line and residual;') + ' drag a rectangle to zoom, double-click to see all.' +
+        (!specs[0].what && S && R && R.shape.some(k => k >= 0) ? ' Click a reading for its shape.' : '')), pinned);
   attach(figure, live, redraw);
 }
 

@@ -238,6 +238,18 @@ void describe(auto&& a, ShapeRecord::Area& area) {
   a("loops", area.loops);
 }
 
+void describe(auto&& a, ContactRecord& contact) {
+  a("centre", contact.centre);
+  a("force", contact.force);
+  a("places", contact.places);
+}
+
+void describe(auto&& a, SurfaceRecord& surface) {
+  a("regions", surface.regions);
+  a("triangles", surface.triangles);
+  a("triangle_regions", surface.triangle_regions);
+}
+
 void describe(auto&& a, ShapeRecord& shape) {
   a("label", shape.label);
   a("segments", shape.segments);
@@ -247,6 +259,9 @@ void describe(auto&& a, ShapeRecord& shape) {
   }
   if (a.there("areas", !shape.areas.empty())) a("areas", shape.areas);
   if (a.there("cables", !shape.cables.empty())) a("cables", shape.cables);
+  if (a.there("points", !shape.points.empty())) a("points", shape.points);
+  if (a.there("space_cables", !shape.space_cables.empty())) a("space_cables", shape.space_cables);
+  if (a.there("contacts", !shape.contacts.empty())) a("contacts", shape.contacts);
 }
 
 void describe(auto&& a, InputRecord& input) {
@@ -269,6 +284,12 @@ void describe(auto&& a, Provenance& provenance) {
   a("seed", provenance.seed);
 }
 
+void describe(auto&& a, SearchStep& step) {
+  a("phase", step.phase);
+  a("chi_squared", step.chi_squared);
+  a("values", step.values);
+}
+
 /// Under the key "fit": what is not said of the parameters one by one.
 void describe_fit(auto&& a, RunRecord& record) {
   FitResult& fit = record.fit;
@@ -279,6 +300,7 @@ void describe_fit(auto&& a, RunRecord& record) {
   a("evaluations", fit.evaluations);
   a("failed_evaluations", fit.failed_evaluations);
   a("iterations", fit.iterations);
+  if (a.there("history", !fit.history.empty())) a("history", fit.history);
   a("covariance", fit.covariance);
   a["covariance_scale"].walk_list(std::span(fit.parameters), [](auto&& scale, ParameterEstimate& estimate) {
     scale.walk_either(estimate.spec.logarithmic, "logarithm", "linear");
@@ -346,6 +368,8 @@ void describe(auto&& a, RunRecord& record) {
   if (a.there("interrupted")) a("interrupted", record.interrupted);
   a("controls", record.controls);
   if (a.there("channels")) a("channels", record.channels);
+  if (a.there("control_columns", !record.control_columns.empty())) a("control_columns", record.control_columns);
+  if (a.there("channel_columns", !record.channel_columns.empty())) a("channel_columns", record.channel_columns);
   a["load"]("label", record.load_label);
   a["load"]("control", record.load_control);
   if (a["load"].there("by_tension", record.by_tension)) a["load"]("by_tension", record.by_tension);
@@ -357,6 +381,7 @@ void describe(auto&& a, RunRecord& record) {
   if (a.there("start_curves", !record.start_curves.empty()))
     describe_curves(a["start_curves"], record, record.start_curves);
   a("shape_axes", std::tie(record.shape_axes[0], record.shape_axes[1]));
+  if (a.there("surface", !record.surface.triangles.empty())) a("surface", record.surface);
   a("shapes", record.shapes);
   if (a.there("trend_degree")) a("trend_degree", record.trend_degree);
   a("main", record.main);

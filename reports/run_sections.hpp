@@ -17,6 +17,8 @@ std::optional<Drawing> deformed_shapes(const RunRecord& record);  ///< shape_pan
 /// The same as panels beside each other, with filled regions and cables: for several materials, cables or several held
 /// values; else nothing.
 std::optional<Drawing> shape_panels(const RunRecord& record);
+/// Chi squared and the parameters over the evaluations of the search; for records that have them.
+std::optional<Drawing> search_history(const RunRecord& record);
 std::optional<Drawing> variants(const RunRecord& record);  ///< values of other meshes and of references
 /// Rise of chi squared over the value of each parameter whose profile likelihood was searched; open ends are arrows.
 std::optional<Drawing> profiles(const RunRecord& record);
@@ -62,6 +64,7 @@ inline constexpr MakeSection<RunRecord> kRunPage[] = {answer,
                                                       variants_and_references,
                                                       alone<plot::deformed_shapes>,
                                                       correlations,
+                                                      alone<plot::search_history>,
                                                       every_reading,
                                                       setup,
                                                       provenance};

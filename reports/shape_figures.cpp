@@ -48,8 +48,8 @@ std::optional<Drawing> deformed_shapes(const RunRecord& record) {
   page.panel(grid.box(0), x, y, "", plots);
   return Drawing{
       {"deformed_shapes", title,
-       "Outline of the specimen as the fitted model has it, seen from the side, with equal scales along both "
-       "axes. Compare it with a photograph taken at the bench."},
+       "The specimen as the fitted model has it, with equal scales along all axes; the still picture is its outline "
+       "from the side. Compare it with a photograph taken at the bench."},
       csv,
       page};
 }

@@ -42,7 +42,7 @@ class Picture {
  public:
   explicit Picture(const SimulationRecord& record)
       : record_(record),
-        surface_(surface_of(record.mesh)),
+        surface_(boundary_surface(record.mesh)),
         view_(isometric_view()),
         flat_(record.mesh.dimension() == 2) {
     const Bounds bounds = bounds_of(record);

@@ -6,28 +6,12 @@
 
 #include "reports/figures.hpp"
 #include "reports/simulation_record.hpp"
+#include "sim/mesh/loops.hpp"
 
 /// What is seen of a moving mesh and its surroundings, for the pictures of a simulation. Used inside reports/ only.
 namespace taut::plot {
 
-/// The visible nodes of a mesh: in 2D closed lines around its regions (mid-nodes included), in 3D the triangles of its
-/// boundary, outward oriented; facets of quadratic elements are four of them. Both count in `nodes`.
-struct Surface {
-  std::vector<int> nodes;  ///< of the mesh, ascending
-  /// A closed line around a region.
-  struct Loop {
-    int region;
-    std::vector<int> points;  ///< anticlockwise around the region, clockwise around its holes
-  };
-  std::vector<Loop> loops;
-  /// A piece of the boundary in space.
-  struct Triangle {
-    int region;
-    std::array<int, 3> points;
-  };
-  std::vector<Triangle> triangles;
-};
-Surface surface_of(const Mesh& mesh);  ///< all that is visible of a mesh
+using Surface = BoundarySurface;  ///< all that is visible of a mesh
 
 /// Positions x = X + u [m], one column per point: of a surface, and of a line.
 Eigen::MatrixXd positions(const Surface& surface, const Mesh& mesh, const Eigen::VectorXd& u);

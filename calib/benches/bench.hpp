@@ -57,6 +57,7 @@ struct SolvedState {
   std::string row, column;            ///< what is held, and the load ("mass 50 g"): its place in a table of pictures
   Eigen::VectorXd u;                  ///< [m], all unknowns
   std::vector<double> controls = {};  ///< SI, in the order of Bench::controls()
+  Eigen::VectorXd contact = {};       ///< contact_forces() [N], all unknowns; empty: nothing touches, or not known
 };
 
 /// The equilibria of a replay, held controls first and loads second. No mesh: the bench has none.

@@ -14,6 +14,7 @@
 #include "sim/core/stopwatch.hpp"
 #include "sim/core/units.hpp"
 #include "sim/materials/prony.hpp"
+#include "sim/scene/contact_force.hpp"
 
 namespace taut {
 namespace {
@@ -678,6 +679,8 @@ SolvedStates StaticBench::states() const {
       state.column = controls_[k].id + " " + control_text(k, condition->controls[k]);
     }
     state.u = choice_.state ? choice_.state(condition->controls) : condition->u;
+    if (!choice_.state && !replay().touching.empty())
+      state.contact = contact_forces(*all.mesh, replay().touching, {condition->u, condition->p});
   }
   return all;
 }

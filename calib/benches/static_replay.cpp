@@ -153,8 +153,12 @@ void guide_by_section(const Experiment& experiment, const MeshSettings& settings
 StaticReplay make_static_replay(const Experiment& experiment, const MeshSettings& settings, const Trials& trials) {
   refuse_contradictions(experiment, trials);
   BenchModel model = make_model(experiment, settings, trials);
-  StaticReplay bench{rows_of_readings(experiment, model, trials), nullptr, model.cables, model.contact,
-                     model.smallest_distance};
+  StaticReplay bench{rows_of_readings(experiment, model, trials),
+                     nullptr,
+                     model.cables,
+                     model.contact,
+                     model.smallest_distance,
+                     model.touching.terms};
   StaticProtocol::Options options;
   options.equilibrium = experiment.equilibrium;
   options.threads = experiment.threads;

@@ -24,6 +24,7 @@ struct StaticReplay : BenchRows {
   std::vector<Cable> cables;
   const Contact* contact = nullptr;                                                   ///< of its model, in 2D
   std::function<double(const Eigen::VectorXd& u, double horizon)> smallest_distance;  ///< see BuiltScene
+  std::vector<const SidedTerm*> touching;                                             ///< what of its model is contact
 };
 /// The readings' protocol with this mesh. Throws InputError.
 StaticReplay make_static_replay(const Experiment& experiment, const MeshSettings& settings, const Trials& trials);

@@ -118,6 +118,13 @@ class Fit {
   }
 
   FitResult run() {
+    FitResult found = search_and_judge();
+    found.history = std::move(history_);
+    return found;
+  }
+
+ private:
+  FitResult search_and_judge() {
     set_start();
     const Eigen::VectorXd start = best_.q;
     if (!find_optimum(true)) return std::move(result_);
@@ -126,6 +133,7 @@ class Fit {
     add_cost(result_.search);
     result_.evaluations = evaluator_.evaluations + last_.evaluations;
     for (int restart = 0; result_.status == FitStatus::converged; ++restart) {
+      evaluator_.history = last_.history = nullptr;
       find_covariance();
       lowest_ = best_;
       find_intervals();
@@ -139,7 +147,6 @@ class Fit {
     return std::move(result_);
   }
 
- private:
   void set_start() {
     best_.q.resize(evaluator_.count());
     for (Eigen::Index j = 0; j < evaluator_.count(); ++j) {
@@ -376,6 +383,7 @@ class Fit {
   /// the history have led to another equilibrium than that path does, the fit goes on from there; in the end with
   /// predictions that have no history.
   void search(bool first) {
+    evaluator_.history = last_.history = &history_;
     evaluator_.begin("search", 8);  // of the shipped experiments they take 3 to 8, rarely more
     for (int round = 0; round < 4; ++round) {
       last_.reset();
@@ -655,8 +663,9 @@ class Fit {
   Stopwatch watch_;
   int factorisations_;
   int replay_factorisations_ = 0;  ///< of one cold replay
-  Minimum best_, lowest_;          ///< of the search; met since, where intervals were looked for
-  std::vector<Linearised> met_;    ///< there
+  std::vector<SearchStep> history_;
+  Minimum best_, lowest_;        ///< of the search; met since, where intervals were looked for
+  std::vector<Linearised> met_;  ///< there
   FitResult result_;
   const Surroundings around_{best_, result_.covariance, lowest_, met_};
   Eigen::MatrixXd jacobian_;             ///< at the end, fitted scale

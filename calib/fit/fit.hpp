@@ -77,6 +77,13 @@ struct FitCost {
   int factorisations = 0;  ///< Protocol::factorisations
 };
 
+/// A point at which a search has asked the model.
+struct SearchStep {
+  std::string phase;           ///< as FitProgress::phase
+  double chi_squared = 0;      ///< NaN where a simulation failed
+  std::vector<double> values;  ///< free parameters, SI
+};
+
 /// What a fit found: estimates, their uncertainty, and how well the model follows the readings.
 struct FitResult {
   FitStatus status = FitStatus::not_converged;
@@ -100,6 +107,7 @@ struct FitResult {
   FitCost search, profiles;    ///< the fit with its final cold replay, and the profiles after it
   int failed_evaluations = 0;  ///< trial points at which a simulation failed; each shortened a step
   int iterations = 0;
+  std::vector<SearchStep> history;    ///< in the order of the search, cold replays among them; not of the intervals
   std::vector<std::string> failures;  ///< sentences of the failed simulations, the first few
   std::vector<int> followed;          ///< rows that are predicted in another equilibrium than that of their path
   std::vector<std::string> remarks;   ///< on the way to the optimum, sentences for people

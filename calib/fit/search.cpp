@@ -84,6 +84,7 @@ bool Evaluator::evaluate(const Eigen::VectorXd& q) {
   if (cold_) protocol_.forget();
   prediction_ = protocol_.predict(params(q), indices_);
   ok_ = prediction_.complete();
+  if (history != nullptr && !stopped()) history->push_back({phase_, ok_ ? chi_squared() : not_a_number, values(q)});
   if (!ok_) {
     ++failed;
     last_failure = q;

@@ -79,6 +79,7 @@ class Evaluator {
   double chi_squared() const { return residuals().squaredNorm(); }  ///< of the newest evaluation
 
   int evaluations = 0, failed = 0;
+  std::vector<SearchStep>* history = nullptr;  ///< where each evaluation is noted; null: nowhere
   std::vector<std::string> failures;
   Eigen::VectorXd last_failure;  ///< where the last simulation failed, fitted scale; empty: none did
 

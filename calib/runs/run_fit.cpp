@@ -323,6 +323,7 @@ class Run {
     const SolvedStates states = bench_.states();
     if (states.mesh != nullptr) {
       record_.shapes = draw_shapes(states);
+      record_.surface = surface_record(*states.mesh);
       const std::array<int, 2> plane = drawing_plane(states);
       for (size_t i = 0; i < 2; ++i) record_.shape_axes[i] = "xyz"[plane[i]];
     }
@@ -501,6 +502,23 @@ class Run {
 
 }  // namespace
 
+namespace {
+
+/// The column of each axis in the bench's file, with its unit; `common` is that of all that name none.
+std::vector<std::string> columns_in_file(const Experiment& experiment, const std::vector<AxisRecord>& axes,
+                                         const auto& settings, const std::string& common) {
+  std::vector<std::string> columns;
+  for (const AxisRecord& axis : axes) {
+    const auto found = std::ranges::find_if(settings, [&](const auto& one) { return one.id == axis.id; });
+    std::string& column =
+        columns.emplace_back(found == settings.end() || found->column.empty() ? common : found->column);
+    if (const auto title = experiment.titles.find(column); title != experiment.titles.end()) column = title->second;
+  }
+  return columns;
+}
+
+}  // namespace
+
 RunRecord start_record(const Bench& bench) {
   const Experiment& experiment = bench.experiment();
   const ParameterTable& table = bench.protocol().parameters();
@@ -511,6 +529,9 @@ RunRecord start_record(const Bench& bench) {
   if (!experiment.encoding.empty()) record.setup.emplace_back("experiment file", experiment.encoding);
   record.controls = bench.controls();
   record.channels = bench.channels();
+  record.control_columns = columns_in_file(experiment, record.controls, experiment.bench.controls, "");
+  record.channel_columns =
+      columns_in_file(experiment, record.channels, experiment.bench.channels, experiment.bench.value_column);
   record.load_control = bench.drawn_control();
   record.load_label = bench.drawn_label();
   record.by_tension = record.load_control >= 0 && experiment.cables.tension_columns.contains(

@@ -118,7 +118,10 @@ struct RunRecord {
   std::vector<std::pair<std::string, std::string>> setup;  ///< "mesh", "quadratic ..." lines for the report
   std::vector<AxisRecord> controls;                        ///< in the order of ReadingRecord::controls
   std::vector<AxisRecord> channels;                        ///< all that readings and curves name
-  std::string load_label;                                  ///< "load", for axes
+  /// Columns of the bench's own file, with their units: "mass_g". One per control and channel, "" where there is none;
+  /// or none at all.
+  std::vector<std::string> control_columns, channel_columns;
+  std::string load_label;                  ///< "load", for axes
   int load_control = -1;                   ///< index among the controls of the load that the figures are drawn over
   bool by_tension = false;                 ///< that is a cable's tension, which is no load on what is measured
   std::vector<double> load_newtons;        ///< per reading: the load as a force [N]
@@ -134,6 +137,7 @@ struct RunRecord {
   std::vector<CurveRecord> curves;
   std::vector<CurveRecord> start_curves;  ///< with the starts of the parameters, standard errors 0; of benches at rest
   std::vector<ShapeRecord> shapes;
+  SurfaceRecord surface;                  ///< of the shapes in 3D
   std::array<std::string, 2> shape_axes;  ///< "x", "z"
   int trend_degree = 0;                   ///< of the polynomial through each series of the effective stiffness; 0: none
   VariantRecord main;                     ///< the fit itself, as a row of the table of variants

@@ -6,6 +6,7 @@
 #include <map>
 
 #include "sim/mesh/loops.hpp"
+#include "sim/scene/contact_force.hpp"
 
 namespace taut {
 namespace {
@@ -37,11 +38,16 @@ double rounded(double metres) {
   return std::round(1e9 * metres) / 1e9;
 }
 
-Eigen::Vector2d place_of(const CablePoint& point, const Eigen::VectorXd& x) {
+/// A surface in space is shown, not measured: a tenth of a micrometre is far below what is seen of it.
+double roughly(double metres) {
+  return std::round(1e7 * metres) / 1e7;
+}
+
+Eigen::VectorXd place_of(const CablePoint& point, const Eigen::VectorXd& x, int d) {
   if (point.material.nodes.empty()) return point.fixed;
-  Eigen::Vector2d at = Eigen::Vector2d::Zero();
+  Eigen::VectorXd at = Eigen::VectorXd::Zero(d);
   for (size_t i = 0; i < point.material.nodes.size(); ++i)
-    at += point.material.weights[i] * x.segment<2>(2 * point.material.nodes[i]);
+    at += point.material.weights[i] * x.segment(static_cast<Eigen::Index>(point.material.nodes[i]) * d, d);
   return at;
 }
 
@@ -52,6 +58,7 @@ class Drawing {
       : states_(states), mesh_(*states.mesh), plane_(drawing_plane(states)), lines_(visible_lines(mesh_, plane_)) {
     for (size_t r = 0; mesh_.dimension() == 2 && r < mesh_.region_names.size(); ++r)
       outlines_.push_back(region_loops(mesh_, static_cast<int>(r)));
+    if (mesh_.dimension() == 3) surface_ = boundary_surface(mesh_);
   }
 
   ShapeRecord draw(const SolvedState& state) const {
@@ -64,6 +71,8 @@ class Drawing {
       shape.segments.push_back({x[a + plane_[0]], x[a + plane_[1]], x[b + plane_[0]], x[b + plane_[1]]});
     }
     if (d == 2) add_areas_and_cables(x, shape);
+    if (d == 3) add_surface_and_cables(x, shape);
+    if (state.contact.size() > 0) add_contacts(state, x, shape);
     return shape;
   }
 
@@ -79,8 +88,32 @@ class Drawing {
     for (const Cable& cable : states_.cables) {
       ShapeRecord::Line& line = shape.cables.emplace_back();
       for (const CablePoint& point : cable.points) {
-        const Eigen::Vector2d at = place_of(point, x);
+        const Eigen::VectorXd at = place_of(point, x, 2);
         line.push_back({rounded(at[0]), rounded(at[1])});
+      }
+    }
+  }
+  void add_surface_and_cables(const Eigen::VectorXd& x, ShapeRecord& shape) const {
+    for (const int node : surface_.nodes) {
+      for (const double value : x.segment<3>(3 * static_cast<Eigen::Index>(node)))
+        shape.points.push_back(roughly(value));
+    }
+    for (const Cable& cable : states_.cables) {
+      std::vector<double>& line = shape.space_cables.emplace_back();
+      for (const CablePoint& point : cable.points) {
+        for (const double value : place_of(point, x, 3)) line.push_back(roughly(value));
+      }
+    }
+  }
+  void add_contacts(const SolvedState& state, const Eigen::VectorXd& x, ShapeRecord& shape) const {
+    const int d = mesh_.dimension();
+    for (const ContactPatch& patch : contact_patches(mesh_, state.u, state.contact)) {
+      ContactRecord& contact = shape.contacts.emplace_back();
+      for (const double value : patch.centre) contact.centre.push_back(roughly(value));
+      contact.force.assign(patch.force.begin(), patch.force.end());
+      for (const int node : patch.nodes) {
+        for (const double value : x.segment(static_cast<Eigen::Index>(node) * d, d))
+          contact.places.push_back(roughly(value));
       }
     }
   }
@@ -90,6 +123,7 @@ class Drawing {
   std::array<int, 2> plane_;
   std::map<std::array<int, 2>, int> lines_;
   std::vector<std::vector<std::vector<int>>> outlines_;  ///< of each region, in 2D
+  BoundarySurface surface_;                              ///< in 3D
 };
 
 }  // namespace
@@ -108,6 +142,17 @@ std::array<int, 2> drawing_plane(const SolvedStates& states) {
   size[vertical] = -1;
   size.maxCoeff(&horizontal);
   return {horizontal, vertical};
+}
+
+SurfaceRecord surface_record(const Mesh& mesh) {
+  SurfaceRecord record;
+  if (mesh.dimension() == 2) return record;
+  record.regions = mesh.region_names;
+  for (const auto& [region, points] : boundary_surface(mesh).triangles) {
+    record.triangles.insert(record.triangles.end(), points.begin(), points.end());
+    record.triangle_regions.push_back(region);
+  }
+  return record;
 }
 
 std::vector<ShapeRecord> draw_shapes(const SolvedStates& states) {

@@ -69,7 +69,8 @@ struct ScoreFile {
 constexpr std::array own_columns{"line",          "trial",      "channel",
                                  "measured",      "sigma",      "predicted",
                                  "prediction_se", "residual",   "normalised_residual",
-                                 "excluded",      "equilibria", "unit"};
+                                 "excluded",      "equilibria", "unit",
+                                 "unit_in_file"};
 
 /// Whether a table is one that `taut replay` or `taut fit` wrote.
 bool is_own(const ScoreFile& file) {

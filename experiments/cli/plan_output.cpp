@@ -189,7 +189,7 @@ nlohmann::ordered_json plan_json(const PlanReport& report, const Bench& bench) {
     so_far.push_back(report.rows[i]);
     json["rows"].push_back({{"controls", row.controls},
                             {"trial", trials[i]},
-                            {"minutes", minutes_of(report.task, so_far)},
+                            {"minutes_so_far", minutes_of(report.task, so_far)},
                             {"after", widths_json(report.along[i])},
                             {"fails", row.fails},
                             {"why", row.why}});

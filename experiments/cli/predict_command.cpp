@@ -29,14 +29,20 @@ std::string predicted_csv(const RunRecord& record, const std::vector<PredictedRo
     heads += "," + units.column(name);
   const bool marked = std::ranges::any_of(rows, [](const PredictedRow& row) { return !row.equilibria.empty(); });
   if (marked) heads += ",equilibria";
-  std::string csv = units.heads(heads + "\n");
+  const BenchColumns in_file(
+      record, {"predicted", "standard_error", "lower95", "upper95", "reading_lower95", "reading_upper95"});
+  const auto ended = [](std::string line, const std::string& more) { return line.insert(line.size() - 1, more); };
+  std::string csv = ended(units.heads(heads + "\n"), in_file.heads());
   for (const PredictedRow& row : rows) {
     std::string line = fmt::format("{},{}", row.line, row.channel);
     for (double control : row.controls) line += fmt::format(",{:.10g}", control);
     line += fmt::format(",{:.8g},{:.3g},{:.8g},{:.8g},{:.8g},{:.8g}", row.value, row.error, row.value - row.curve,
                         row.value + row.curve, row.value - row.reading, row.value + row.reading);
     if (marked) line += "," + row.equilibria;
-    csv += units.row(line + "\n", row.channel);
+    csv += ended(units.row(line + "\n", row.channel),
+                 in_file.fields(row.controls, row.channel,
+                                {row.value, row.error, row.value - row.curve, row.value + row.curve,
+                                 row.value - row.reading, row.value + row.reading}));
   }
   return csv;
 }

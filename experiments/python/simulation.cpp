@@ -13,6 +13,7 @@
 
 #include "experiments/python/compute.hpp"
 #include "reports/ik_target.hpp"
+#include "reports/report.hpp"
 #include "reports/simulation_run.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/units.hpp"
@@ -130,6 +131,7 @@ py::dict simulate_file(const std::string& path, const std::optional<std::string>
   if (record) found = as_dict(*record, failure);
   computation.raise(found);
   if (!record) found = py::dict(py::arg("failure") = text(failure));
+  found["undrawn"] = text(undrawn_figures());
   return found;
 }
 

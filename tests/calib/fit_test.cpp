@@ -53,6 +53,31 @@ TEST(Fit, WithoutNoiseTheTruthIsRecoveredExactly) {
   }
 }
 
+TEST(Fit, TheHistoryHasChiSquaredOfEveryEvaluationFromTheStartToTheColdReplay) {
+  ClosedFormProtocol protocol = stiffening_spring();
+  const Eigen::VectorXd y = values_of(protocol) + 1e-5 * Eigen::VectorXd::Unit(5, 2);
+  const FitResult result = fit(protocol, measured(y, 1e-5), spring_parameters());
+  ASSERT_EQ(static_cast<int>(result.history.size()), result.evaluations);
+  EXPECT_EQ(result.history.front().values, (std::vector<double>{500, 0.03}));
+  EXPECT_EQ(result.history.front().phase, "search");
+  EXPECT_EQ(result.history.back().phase, "cold replay");
+  for (const SearchStep& step : result.history) {
+    double expected = 0;
+    for (Eigen::Index i = 0; i < 5; ++i)
+      expected += std::pow((y[i] - step.values[1] * std::asinh(1e3 * spring_loads[i] / step.values[0])) / 1e-5, 2);
+    EXPECT_NEAR(step.chi_squared, expected, 1e-9 * expected + 1e-9);
+  }
+  EXPECT_EQ(result.history.back().chi_squared, result.chi_squared);
+  // Where the simulation fails there is a point without a value.
+  protocol.fails = [&](const Params& p) { return p[0] > 900 && protocol.calls < 4 ? "it failed" : ""; };
+  protocol.calls = 0;
+  const FitResult failing = fit(protocol, measured(y, 1e-5), spring_parameters());
+  const auto failed =
+      std::ranges::count_if(failing.history, [](const SearchStep& s) { return std::isnan(s.chi_squared); });
+  EXPECT_GT(failed, 0);
+  EXPECT_EQ(failed, failing.failed_evaluations);
+}
+
 TEST(Fit, ParametersThatAreNotFreeKeepTheirNominalValues) {
   ClosedFormProtocol protocol = stiffening_spring();
   const Eigen::VectorXd y = values_of(protocol);

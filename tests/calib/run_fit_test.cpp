@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
 #include <cmath>
 
 #include "calib/runs/open_bench.hpp"
@@ -148,6 +149,80 @@ TEST_F(RunFit, WhatCannotBeKeptInALaterStageDoesNotEndTheRun) {
   EXPECT_EQ(record.fit.status, FitStatus::converged);
   EXPECT_EQ(record.variants.size(), 1u);
   EXPECT_NE(record.remarks.back().find("no room"), std::string::npos);
+}
+
+// ---- shapes
+
+/// Shapes of all conditions with the starting values.
+std::vector<ShapeRecord> shapes_of(const TemporaryFolder& folder, const std::string& toml, const std::string& csv) {
+  folder.write("bench.csv", csv);
+  const std::unique_ptr<Bench> bench = open_bench(folder.write("experiment.toml", toml));
+  const Prediction prediction = bench->protocol().predict(bench->protocol().nominal(), {});
+  for (const std::string& failure : prediction.failures) ADD_FAILURE() << failure;
+  return draw_shapes(bench->states());
+}
+
+/// A block on a floor, guided so that it can only move up and down: the floor bears all that is hung on it.
+const std::string kOnFloor = replaced(
+    replaced(replaced(beam_toml, "fix = [\"x\", \"y\"]", "fix = [\"x\"]"),
+             "on = \"xmax\"\ndirection = [0, -1]\ncolumn = \"pull_N\"",
+             "on = \"ymax\"\ndirection = [0, -1]\ncolumn = \"pull_N\""),
+    "[bench]",
+    "[contact]\ngap = \"0.1 mm\"\n[[contact.ground]]\npoint = [\"0 mm\", \"-0.05 mm\"]\nnormal = [0, 1]\n[bench]");
+
+TEST(Shapes, ContactForcesBalanceTheLoadAndTheirPatchIsTheFaceOnTheFloor) {
+  const TemporaryFolder folder;
+  const std::vector<ShapeRecord> shapes = shapes_of(folder, kOnFloor, "trial,pull_N,tip_mm\na,0.05,1\na,0.1,2\n");
+  ASSERT_EQ(shapes.size(), 3u);
+  EXPECT_TRUE(shapes[0].contacts.empty()) << "at rest";
+  for (size_t k : {1, 2}) {
+    const double load = 0.05 * static_cast<double>(k);
+    ASSERT_EQ(shapes[k].contacts.size(), 1u);
+    const ContactRecord& contact = shapes[k].contacts[0];
+    EXPECT_NEAR(contact.force[0], 0, 1e-8);
+    EXPECT_NEAR(contact.force[1], load, 1e-7 * load);
+    EXPECT_NEAR(contact.centre[0], 30e-3, 1e-4) << "below the middle of the face that the load is on";
+    // All 10 quadratic edges of the lower face.
+    EXPECT_EQ(contact.places.size(), 2u * 21u);
+    for (size_t i = 1; i < contact.places.size(); i += 2) EXPECT_NEAR(contact.places[i], 0, 0.1e-3);
+  }
+}
+
+TEST(Shapes, InSpaceTheyAreTheSurfaceWithCablesAndTheFloorBearsTheLoad) {
+  std::string toml = replaced(kOnFloor, "kind = \"rectangle\"\nsize = [\"60 mm\", \"12 mm\"]",
+                              "kind = \"box\"\nsize = [\"60 mm\", \"12 mm\", \"20 mm\"]");
+  toml = replaced(replaced(toml, "thickness = \"20 mm\"\n", ""), "plane = \"strain\"\n", "");
+  toml = replaced(toml, "cells = [10, 4]\nelement = \"quadratic\"", "cells = [6, 2, 2]\nelement = \"linear\"");
+  toml = replaced(toml, "[[support]]\n", "[[support]]\non = \"zmin\"\nfix = [\"z\"]\n[[support]]\n");
+  toml = replaced(toml, "on = \"ymax\"\ndirection = [0, -1]", "on = \"ymax\"\ndirection = [0, -1, 0]");
+  toml = replaced(toml, "on = \"xmax\"\ndirection = [0, -1]", "on = \"xmax\"\ndirection = [0, -1, 0]");
+  toml = replaced(toml, "point = [\"0 mm\", \"-0.05 mm\"]\nnormal = [0, 1]",
+                  "point = [\"0 mm\", \"-0.05 mm\", \"0 mm\"]\nnormal = [0, 1, 0]");
+  const TemporaryFolder folder;
+  const std::vector<ShapeRecord> shapes = shapes_of(folder, toml, "trial,pull_N,tip_mm\na,0.05,1\na,0.1,2\n");
+  ASSERT_EQ(shapes.size(), 3u);
+  for (size_t k : {1, 2}) {
+    const double load = 0.05 * static_cast<double>(k);
+    ASSERT_EQ(shapes[k].contacts.size(), 1u);
+    const std::vector<double>& force = shapes[k].contacts[0].force;
+    ASSERT_EQ(force.size(), 3u);
+    EXPECT_NEAR(force[1], load, 1e-7 * load);
+    EXPECT_NEAR(std::hypot(force[0], force[2]), 0, 1e-8);
+  }
+  // The surface of 6 x 2 x 2 cells: 7 * 3 * 3 nodes less the 5 inside; it encloses the block's volume.
+  const std::vector<double>& points = shapes[0].points;
+  ASSERT_EQ(points.size(), 3u * (63 - 5));
+  const std::unique_ptr<Bench> bench = open_bench(folder / "experiment.toml");
+  const SurfaceRecord surface = surface_record(*bench->states().mesh);
+  EXPECT_EQ(surface.regions, std::vector<std::string>{"foam"});
+  double volume = 0;
+  for (size_t t = 0; t < surface.triangles.size(); t += 3) {
+    const auto corner = [&](size_t c) {
+      return Eigen::Map<const Eigen::Vector3d>(&points[3 * static_cast<size_t>(surface.triangles[t + c])]);
+    };
+    volume += corner(0).dot(corner(1).cross(corner(2))) / 6;
+  }
+  EXPECT_NEAR(volume, 60e-3 * 12e-3 * 20e-3, 1e-12);
 }
 
 }  // namespace

@@ -1,9 +1,11 @@
 """taut.simulate, taut.ik."""
 
 import json
+import os
 import subprocess
 import tomllib
 import unittest
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +28,21 @@ class Simulations(InFolder):
         self.assertEqual(Path("by_python/channels.csv").read_bytes(), Path("by_command/channels.csv").read_bytes())
         self.assertTrue(Path("by_python/report.html").exists())
         self.assertEqual(found.failure, "")
+
+    def test_without_gnuplot_warn_and_keep_all_else(self):
+        path = os.environ["PATH"]
+        os.environ["PATH"] = "/nowhere"
+        try:
+            with warnings.catch_warnings(record=True) as said:
+                warnings.simplefilter("always")
+                taut.simulate(ROBOT, out="run")
+        finally:
+            os.environ["PATH"] = path
+        self.assertEqual(sum("gnuplot" in str(one.message) for one in said), 1)
+        self.assertTrue(Path("run/report.html").exists())
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            taut.simulate(ROBOT, out="run")
 
     def test_have_channels_controls_and_states_over_time(self):
         found = taut.simulate(ROBOT)

@@ -240,8 +240,8 @@ TEST(Surface, ThePainterDrawsTheNearOfTwoBoxesLastFromWhereverOneLooks) {
   Mesh left = box(graded(0.01, 1), graded(0.01, 1), graded(0.01, 1), 1, "foam"), right = left;
   for (int i = 0; i < right.node_count(); ++i) right.X[3 * i] += 0.05;
   const Mesh mesh = merge({{"left", left}, {"right", right}});
-  const plot::Surface surface = plot::surface_of(mesh);
-  const Eigen::MatrixXd x = positions(surface, mesh, Eigen::VectorXd::Zero(mesh.X.size()));
+  const plot::Surface surface = boundary_surface(mesh);
+  const Eigen::MatrixXd x = plot::positions(surface, mesh, Eigen::VectorXd::Zero(mesh.X.size()));
   for (const double azimuth : {-0.6, 0.0, 0.7, std::numbers::pi - 0.4, std::numbers::pi + 0.5}) {
     const bool from_right = std::cos(azimuth) > 0;
     bool near_begun = false;

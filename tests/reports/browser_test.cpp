@@ -8,6 +8,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <numbers>
 #include <sstream>
 
 #include "reports/report.hpp"
@@ -84,6 +85,7 @@ class SlowBrowser : public testing::Test {
     folder_ = new test::TemporaryFolder;
     write_run(record(), *folder_ / "run");
     write_run(test::hanging_block(), *folder_ / "lines");
+    write_run(test::block_in_space(), *folder_ / "space");
     write_simulation(test::bending_beam(11), *folder_ / "simulation");
   }
   static void TearDownTestSuite() {
@@ -116,7 +118,8 @@ class SlowBrowser : public testing::Test {
   }
 
   /// What the page looks like after `steps`, in a frame `width` wide; `console`: what was written there.
-  static Json look(const std::string& page, int width, bool dark, const std::string& steps = "") {
+  static Json look(const std::string& page, int width, bool dark, const std::string& steps = "",
+                   const std::string& option = "--enable-unsafe-swiftshader") {  // drawing in space by the processor
     std::string probe = with(kProbe, "@STEPS@", steps);
     probe = with(with(probe, "@WIDTH@", std::to_string(width)), "@PAGE@", page);
     const std::string file = *folder_ / "probe.html";
@@ -124,7 +127,9 @@ class SlowBrowser : public testing::Test {
     const std::string profile = *folder_ / "profile", log = *folder_ / "log";
     const std::string dom = output_of(
         "timeout 120 chromium --headless --no-sandbox --disable-gpu --disable-dev-shm-usage --no-first-run "
-        "--allow-file-access-from-files --window-size=1400,1000 --virtual-time-budget=3000 "
+        "--allow-file-access-from-files " +
+        option +
+        " --window-size=1400,1000 --virtual-time-budget=3000 "
         "--enable-logging=stderr --user-data-dir='" +
         profile + "' --blink-settings=preferredColorScheme=" + (dark ? "0" : "1") + " --dump-dom 'file://" + file +
         "' 2>'" + log + "'");
@@ -138,7 +143,8 @@ class SlowBrowser : public testing::Test {
     std::string console;
     std::istringstream lines(read_file(log));
     for (std::string line; std::getline(lines, line);) {
-      if (line.find("CONSOLE") != std::string::npos) console += line + "\n";
+      const bool of_driver = line.find("GL Driver Message") != std::string::npos;  // how fast the processor draws
+      if (line.find("CONSOLE") != std::string::npos && !of_driver) console += line + "\n";
     }
     seen["console"] = console;
     return seen;
@@ -148,7 +154,7 @@ class SlowBrowser : public testing::Test {
 };
 
 TEST_F(SlowBrowser, PagesFitPhonesAndDesktopsInLightAndDarkWithTextOfElevenPixelsAndContrast) {
-  for (const char* page : {"run/report.html", "lines/report.html", "simulation/report.html"}) {
+  for (const char* page : {"run/report.html", "lines/report.html", "space/report.html", "simulation/report.html"}) {
     for (const int width : {1280, 390}) {
       for (const bool dark : {false, true}) {
         SCOPED_TRACE(std::string(page) + (dark ? ", dark, " : ", light, ") + std::to_string(width));
@@ -314,6 +320,103 @@ TEST_F(SlowBrowser, APointOfTheStiffnessShowsTheShapeOfItsConditionWhereTheRecor
   EXPECT_NE(seen["read"].get<std::string>().find("tip: measured 3.55, 3.52, 3.56; fitted"), std::string::npos)
       << seen["read"];
   EXPECT_EQ(seen["next"], Json({"retraction 11.79 mm", "mass 50 g"}));
+}
+
+/// How wide and high something is on the screen [mm] that is seen from an azimuth and an elevation [rad], z up.
+std::array<double, 2> seen_size(const std::vector<std::vector<double>>& bodies, double azimuth, double elevation) {
+  const std::array right{-std::sin(azimuth), std::cos(azimuth), 0.0},
+      up{-std::sin(elevation) * std::cos(azimuth), -std::sin(elevation) * std::sin(azimuth), std::cos(elevation)};
+  std::array<double, 2> size{};
+  for (const auto& [axis, out] : {std::pair(right, &size[0]), std::pair(up, &size[1])}) {
+    double low = INFINITY, high = -INFINITY;
+    for (const std::vector<double>& points : bodies) {
+      for (size_t i = 0; i < points.size(); i += 3) {
+        const double at = axis[0] * points[i] + axis[1] * points[i + 1] + axis[2] * points[i + 2];
+        low = std::min(low, at);
+        high = std::max(high, at);
+      }
+    }
+    *out = 1e3 * (high - low);
+  }
+  return size;
+}
+
+TEST_F(SlowBrowser, ShapesInSpaceAreDrawnToScaleTurnAndSayTheLargestContactForce) {
+  const RunRecord run = test::block_in_space();
+  const Json seen = look("space/report.html", 1280, false, std::string(kChart) + R"js(
+    const shapes = page.querySelector('#figure-deformed_shapes .live'), svg = shapes.querySelector('svg[tabindex]');
+    // What is painted of the canvas, in mm by the scale bar.
+    const measure = () => {
+      const canvas = shapes.querySelector('canvas'), {width, height} = canvas, ratio = width / canvas.clientWidth;
+      const data = canvas.getContext('2d').getImageData(0, 0, width, height).data;
+      let [x0, x1, y0, y1] = [width, 0, height, 0];
+      for (let y = 0; y < height; ++y) for (let x = 0; x < width; ++x) if (data[4 * (y * width + x) + 3] > 60) {
+        [x0, x1, y0, y1] = [Math.min(x0, x), Math.max(x1, x + 1), Math.min(y0, y), Math.max(y1, y + 1)];
+      }
+      const bar = svg.querySelector('path[stroke="var(--soft)"]').getBBox().width, mm = parseFloat(svg.querySelector('text:not([class])').textContent);
+      return [x1 - x0, y1 - y0].map(v => v / ratio / bar * mm);
+    };
+    const input = shapes.querySelector('input');
+    input.value = 2;
+    input.dispatchEvent(new view.Event('input'));
+    seen.label = svg.querySelector('title').textContent;
+    seen.whole = measure();
+    seen.force = [...svg.querySelectorAll('.force-size')].map(t => t.textContent);
+    seen.said = shapes.querySelector('.note').textContent;
+    seen.cables = svg.querySelectorAll('path[stroke="var(--cable)"]').length;
+    svg.dispatchEvent(new view.KeyboardEvent('keydown', {key: 'ArrowRight', shiftKey: true, bubbles: true}));
+    svg.dispatchEvent(new view.KeyboardEvent('keydown', {key: 'ArrowUp', shiftKey: true, bubbles: true}));
+    seen.turned = measure();
+    key(graph('effective_stiffness'), 'ArrowRight');
+    key(graph('effective_stiffness'), 'Enter');
+    const pinned = chart('effective_stiffness').querySelector('.pinned canvas');
+    const data = pinned.getContext('2d').getImageData(0, 0, pinned.width, pinned.height).data;
+    seen.pinned = data.filter((_, i) => i % 4 === 3 && data[i] > 60).length;
+  )js");
+  ASSERT_FALSE(seen.contains("error")) << seen;
+  EXPECT_EQ(seen["label"], "Deformed shape: tip_load 1.001 N");
+  const std::vector<std::vector<double>> drawn{run.shapes[0].points, run.shapes[3].points};  // at rest in grey lines
+  for (const auto& [name, azimuth, elevation] :
+       {std::tuple("whole", -std::numbers::pi / 4, 0.5), std::tuple("turned", -std::numbers::pi / 4 - 0.15, 0.35)}) {
+    const std::array<double, 2> expected = seen_size(drawn, azimuth, elevation);
+    for (size_t i = 0; i < 2; ++i) EXPECT_NEAR(seen[name][i].get<double>(), expected[i], 0.02 * expected[i]) << name;
+  }
+  EXPECT_EQ(seen["force"], Json({"2.5 N"}));
+  EXPECT_NE(seen["said"].get<std::string>().find("Contact presses on one patch, hardest with 2.5 N."),
+            std::string::npos)
+      << seen["said"];
+  EXPECT_EQ(seen["cables"], 1);
+  EXPECT_GT(seen["pinned"].get<int>(), 1000);
+}
+
+TEST_F(SlowBrowser, WithoutWebGLThePictureOfTheShapesStandsThere) {
+  const Json seen = look("space/report.html", 1280, false, R"js(
+    const figure = page.querySelector('#figure-deformed_shapes');
+    seen.live = figure.querySelectorAll('.live').length;
+    seen.picture = figure.querySelector('.picture').getClientRects().length;
+    seen.charts = page.querySelectorAll('.live').length;
+  )js",
+                         "--disable-3d-apis");
+  ASSERT_FALSE(seen.contains("error")) << seen;
+  EXPECT_EQ(seen["console"], "");
+  EXPECT_EQ(seen["live"], 0);
+  EXPECT_EQ(seen["picture"], 1);
+  EXPECT_EQ(seen["charts"], 4);
+}
+
+TEST_F(SlowBrowser, TheWayOfTheSearchSaysChiSquaredAndParametersOfEachEvaluation) {
+  const Json seen = look("space/report.html", 390, true, std::string(kChart) + R"js(
+    seen.tips = [...chart('search_history').querySelectorAll('svg[tabindex]')].map(svg => {
+      key(svg, 'ArrowLeft');
+      key(svg, 'ArrowLeft');
+      const tip = svg.parentElement.querySelector('.tip').textContent;
+      return [svg.querySelectorAll('path[transform]').length, tip];
+    });
+  )js");
+  ASSERT_FALSE(seen.contains("error")) << seen;
+  EXPECT_EQ(
+      seen["tips"],
+      Json::parse(R"([[3, "evaluation 2, search\nchi squared 71"], [4, "evaluation 3, search\nE_silicone 1 kPa"]])"));
 }
 
 TEST_F(SlowBrowser, TablesSortByNumberWhateverTheUnitAndContentsLeadToEveryPart) {

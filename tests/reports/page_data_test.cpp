@@ -50,6 +50,38 @@ TEST(PageData, PointsOfShapesAreThoseOfTheRecordWithinHalfAStep) {
   }
 }
 
+TEST(PageData, InSpacePointsAddUpToThoseOfTheRecordWithinHalfAStepOfEachShownState) {
+  const RunRecord record = test::block_in_space();
+  const nlohmann::json shapes = data_of(record)["shapes"];
+  const double step = shapes["step"];
+  EXPECT_LT(step, 0.05) << "mm";
+  EXPECT_EQ(shapes["triangles"], nlohmann::json(record.surface.triangles));
+  EXPECT_EQ(shapes["regions"][1]["name"], "plastic");
+  ASSERT_EQ(shapes["states"].size(), record.shapes.size());
+  const auto expect_places = [&](const std::vector<double>& steps, const std::vector<double>& metres) {
+    ASSERT_EQ(steps.size(), metres.size());
+    for (size_t i = 0; i < metres.size(); ++i)
+      EXPECT_NEAR(shapes["lower"][i % 3].get<double>() + step * steps[i], 1e3 * metres[i], 0.51 * step);
+  };
+  std::vector<double> sum(24, 0.0);
+  for (size_t k = 0; k < record.shapes.size(); ++k) {
+    const nlohmann::json& state = shapes["states"][k];
+    for (size_t i = 0; i < sum.size(); ++i) sum[i] += state["points"][i].get<double>();
+    expect_places(sum, record.shapes[k].points);
+    expect_places(state["cables"][0], record.shapes[k].space_cables[0]);
+    ASSERT_EQ(state["contacts"].size(), record.shapes[k].contacts.size());
+    if (k < 2) continue;
+    expect_places(state["contacts"][0]["at"], record.shapes[k].contacts[0].centre);
+    expect_places(state["contacts"][0]["places"], record.shapes[k].contacts[0].places);
+    EXPECT_EQ(state["contacts"][0]["force"], nlohmann::json(record.shapes[k].contacts[0].force));
+  }
+  // three.js comes along where there is something in space alone.
+  const auto page_of = [](const RunRecord& run) { return interactive(run, sections_of<RunRecord>(run, kRunPage, "")); };
+  EXPECT_GT(page_of(record).size(), 600'000u);
+  EXPECT_NE(page_of(record).find("three.js authors"), std::string::npos) << "its licence";
+  EXPECT_LT(page_of(test::hanging_block()).size(), 100'000u);
+}
+
 TEST(PageData, ReadingsAreInTheUnitsOfTheirChannelsAndTheExcludedAreMarked) {
   RunRecord record = test::hanging_block();
   record.readings[4].excluded = true;
@@ -81,8 +113,10 @@ TEST(PageData, NoTextEndsItsScript) {
   size_t ends = 0;
   for (size_t at = piece.find("</script"); at != std::string::npos; at = piece.find("</script", at + 1)) ++ends;
   EXPECT_EQ(ends, 2u);
-  EXPECT_EQ(page_text("report.js").find("</script"), std::string::npos);
-  EXPECT_EQ(page_text("report.js").find("http"), std::string::npos);
+  for (const char* script : {"report.js", "space.js", "three.min.js"})
+    EXPECT_EQ(page_text(script).find("</script"), std::string::npos) << script;
+  for (const char* script : {"report.js", "space.js"})
+    EXPECT_EQ(page_text(script).find("http"), std::string::npos) << script;
 }
 
 }  // namespace

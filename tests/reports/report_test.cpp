@@ -7,6 +7,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <limits>
+#include <numbers>
 #include <set>
 #include <sstream>
 
@@ -572,6 +573,44 @@ TEST_F(ReportTest, ChannelsThatAreNoLengthsAreShownInTheirOwnUnits) {
   EXPECT_EQ(all[0]["unit"], "N");
   EXPECT_EQ(all[2]["measured"], "0.1");
   EXPECT_EQ(all[2]["unit"], "rad");
+}
+
+TEST_F(ReportTest, PredictionsStandInTheUnitsOfTheBenchFileBesideSi) {
+  RunRecord record = test::tendon_finger();
+  record.controls[0] = make_axis("mass", Quantity::mass, "mass");
+  for (ReadingRecord& reading : record.readings) reading.controls[0] = 0.05;
+  record.control_columns = {"mass_g", "Retraction (mm)"};
+  record.channel_columns = {"tip_displacement_mm"};
+  write_file(file("predictions.csv"), predictions_csv(record));
+  const std::string text = read_file(file("predictions.csv"));
+  EXPECT_EQ(
+      text.substr(0, text.find('\n')),
+      "line,trial,channel,mass_kg,retraction_m,measured_m,sigma_m,predicted_m,prediction_se_m,residual_m,"
+      "normalised_residual,mass_g,Retraction (mm),measured_mm,sigma_mm,predicted_mm,prediction_se_mm,residual_mm");
+  auto all = rows("predictions.csv");
+  ASSERT_EQ(all.size(), 48u);
+  EXPECT_EQ(all[12]["mass_g"], "50");
+  EXPECT_EQ(all[12]["Retraction (mm)"], "5.89");
+  EXPECT_EQ(all[12]["measured_mm"], "1.44") << "as it stands in the bench's file";
+  for (const char* name : {"sigma", "predicted", "residual"})
+    EXPECT_NEAR(std::stod(all[12][name + std::string("_mm")]), 1e3 * std::stod(all[12][name + std::string("_m")]),
+                1e-7);
+  // Channels of two units, of which one has no column in a unit.
+  record.channels.push_back(make_axis("turn", Quantity::angle, "rotation"));
+  record.channels.push_back(make_axis("other", Quantity::length, "displacement"));
+  record.channel_columns = {"tip_displacement_mm", "turn_deg", "other"};
+  test::add_reading(record, "a", "turn", 0.05, std::numbers::pi / 6, 0.01, 0.5);
+  test::add_reading(record, "a", "other", 0.05, 0.003, 0.001, 0.002);
+  for (size_t i = 48; i < 50; ++i) record.readings[i].controls.push_back(0);
+  write_file(file("predictions.csv"), predictions_csv(record));
+  all = rows("predictions.csv");
+  EXPECT_EQ(all[12]["measured_in_file"], "1.44");
+  EXPECT_EQ(all[12]["unit_in_file"], "mm");
+  EXPECT_EQ(all[12]["unit"], "m");
+  EXPECT_EQ(all[48]["measured_in_file"], "30");
+  EXPECT_EQ(all[48]["unit_in_file"], "deg");
+  EXPECT_EQ(all[49]["measured_in_file"], "");
+  EXPECT_EQ(all[49]["unit_in_file"], "");
 }
 
 TEST_F(ReportTest, PredictionsCarryTheirUnitsInTheHeader) {

@@ -3,8 +3,10 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <tuple>
@@ -44,6 +46,32 @@ class RunRecordTest : public ::testing::Test {
 
   std::filesystem::path folder_;
 };
+
+TEST_F(RunRecordTest, SurfacesContactsAndTheHistoryOfTheSearchSurviveAndAreCheckedAgainstEachOther) {
+  const RunRecord record = test::block_in_space();
+  write_file(path("fit.json"), to_json(record));
+  const RunRecord again = read_run(folder_.string());
+  EXPECT_EQ(to_json(again), to_json(record));
+  EXPECT_EQ(again.surface.triangles, record.surface.triangles);
+  EXPECT_EQ(again.shapes[3].points, record.shapes[3].points);
+  EXPECT_EQ(again.shapes[3].contacts[0].force, record.shapes[3].contacts[0].force);
+  ASSERT_EQ(again.fit.history.size(), 4u);
+  EXPECT_EQ(again.fit.history[1].values, std::vector<double>{280e3});
+  EXPECT_TRUE(std::isnan(again.fit.history[2].chi_squared));
+  const auto refused = [&](const std::function<void(nlohmann::ordered_json&)>& spoil, const std::string& key) {
+    nlohmann::ordered_json json = nlohmann::ordered_json::parse(to_json(record));
+    spoil(json);
+    write_file(path("fit.json"), json.dump());
+    test::expect_input_error([&] { read_run(folder_.string()); }, {"fit.json", key, "run the fit again"});
+  };
+  refused([](auto& json) { json["surface"]["triangles"][4] = 8; }, "shapes[0].points");
+  refused([](auto& json) { json["surface"]["triangles"][4] = -1; }, "surface.triangles");
+  refused([](auto& json) { json["surface"]["triangle_regions"][0] = 2; }, "surface.triangle_regions");
+  refused([](auto& json) { json["shapes"][2]["points"].push_back(0.1); }, "shapes[2].points");
+  refused([](auto& json) { json["shapes"][2]["space_cables"][0].push_back(0.1); }, "shapes[2].space_cables");
+  refused([](auto& json) { json["shapes"][3]["contacts"][0]["force"].push_back(0.1); }, "shapes[3].contacts");
+  refused([](auto& json) { json["fit"]["history"][0]["values"].push_back(0.1); }, "fit.history");
+}
 
 TEST_F(RunRecordTest, AreasAndCablesOfShapesSurviveAndOlderFilesHaveNone) {
   const RunRecord record = test::push_puppet_module();

@@ -158,6 +158,38 @@ inline RunRecord hanging_block() {
   return record;
 }
 
+/// The same block with its shapes in space: a box of eight corners whose free end sinks, with a cable along its top and
+/// a stop below its free end that bears 2.5 N and 0.4 N in the last two states. A search of four evaluations, the third
+/// of which failed.
+inline RunRecord block_in_space() {
+  RunRecord record = hanging_block();
+  record.shapes.clear();
+  record.surface = {
+      {"silicone", "plastic"},
+      {0, 2, 1, 1, 2, 3, 4, 5, 6, 5, 7, 6, 0, 1, 4, 1, 5, 4, 2, 6, 3, 3, 6, 7, 0, 4, 2, 2, 4, 6, 1, 3, 5, 3, 7, 5},
+      {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 1}};
+  const double loads[] = {0, 0, 0.51012, 1.00062}, drop[] = {0, 7.2e-3, 17.6e-3, 27.0e-3};
+  for (int k = 0; k < 4; ++k) {
+    ShapeRecord& shape = record.shapes.emplace_back();
+    shape.column = k == 0 ? "" : "tip_load " + with_unit(loads[k], "N");
+    shape.label = k == 0 ? "rest" : shape.column;
+    shape.segments = {{-0.1, 0, 0, -drop[k]}, {-0.1, 0.03, 0, 0.03 - drop[k]}};
+    for (int corner = 0; corner < 8; ++corner) {
+      const bool free_end = corner % 2 == 1;
+      const double x = free_end ? 0 : -0.1, y = corner / 2 % 2 == 1 ? 0.03 : 0, z = corner / 4 == 1 ? 0.03 : 0;
+      shape.points.insert(shape.points.end(), {x, y, z - (free_end ? drop[k] : 0)});
+    }
+    shape.space_cables = {{-0.1, 0.015, 0.028, 0, 0.015, 0.028 - drop[k]}};
+    if (k > 1)
+      shape.contacts = {{{0, 0.015, -drop[k]}, {0, 0, k == 2 ? 0.4 : 2.5}, {0, 0, -drop[k], 0, 0.03, -drop[k]}}};
+  }
+  record.fit.history = {{"search", 5400, {500e3}},
+                        {"search", 71, {280e3}},
+                        {"search", std::nan(""), {1e3}},
+                        {"cold replay", record.fit.chi_squared, {record.fit.parameters[0].value}}};
+  return record;
+}
+
 /// A finger at four retractions of its tendon, four masses, three trials; the curves are made up.
 inline RunRecord tendon_finger() {
   RunRecord record = empty_record("E_foam", 61.3e3, 2.9e3);

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
 from dataclasses import dataclass
 from typing import Any, Mapping, Optional, Sequence, Union
 
@@ -43,7 +44,8 @@ def simulate(source: Union[Path, Mapping[str, Any]], out: Optional[Path] = None,
     """Runs a simulation file, or a dict with the same keys, as `taut simulate`.
 
     `out`: a run folder, written as the command writes it (states, plots, animation, report); None: no files. `folder`:
-    what paths in a dict are relative to. `progress`: called with lines of text.
+    what paths in a dict are relative to. `progress`: called with lines of text. Figures that could not be drawn are left
+    out of the folder, with a warning.
     Raises InputError, and SolveError (its ``result``: the Simulation as far as it came) where it ended early, elements
     folded or bodies intersect. After Ctrl-C, KeyboardInterrupt has what there is as ``result``.
     """
@@ -56,6 +58,8 @@ def simulate(source: Union[Path, Mapping[str, Any]], out: Optional[Path] = None,
         if raw is not None:
             error.result = _simulation(raw)  # type: ignore[attr-defined]
         raise
+    if raw["undrawn"]:
+        warnings.warn(raw["undrawn"], stacklevel=2)
     found = _simulation(raw) if "time" in raw else None
     if raw["failure"]:
         raise SolveError(f"{os.fsdecode(path)}: {raw['failure']}", found)
