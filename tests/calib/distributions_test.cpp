@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 namespace taut {
 namespace {
 
@@ -16,6 +18,10 @@ TEST(Distributions, HoldTheTabulatedCriticalValues) {
   EXPECT_NEAR(t_probability(-2.228, 10), 0.05, 2e-5);
   EXPECT_NEAR(t_quantile(0.975, 10), 2.228, 5e-4);
   EXPECT_NEAR(t_quantile(0.025, 4), -2.776, 5e-4);
+}
+
+TEST(Distributions, NineteenOfTwentyNormalErrorsStayWithinTheQuantile) {
+  EXPECT_NEAR(std::erf(z95 / std::sqrt(2.0)), 0.95, 1e-15);
 }
 
 TEST(Distributions, NothingIsUnlikelyWithoutDegreesOfFreedom) {
