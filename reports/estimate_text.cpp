@@ -243,7 +243,7 @@ std::string limit_text(const RunRecord& record, size_t j) {
     const DisplayUnit unit = display_unit(e.value, e.spec.unit);
     return fmt::format("{:.2g}{}", most(share) / unit.factor, unit.name == "1" ? "" : " " + unit.name);
   };
-  const double noise = 1.96 * e.standard_error;
+  const double noise = z95 * e.standard_error;
   std::string text;
   if (counted != nullptr && most(*counted) > noise) {
     text = fmt::format("Limited by the {} ({}) rather than the noise: {}.", counted->source, size(*counted),

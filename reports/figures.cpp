@@ -126,7 +126,7 @@ void add_excluded(Page& page, const Rows& rows, Plots& plots) {
 }
 
 double half95(double standard_error) {
-  return std::isfinite(standard_error) ? k95 * standard_error : 0;
+  return std::isfinite(standard_error) ? z95 * standard_error : 0;
 }
 
 std::string expected_band() {

@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 
+#include "calib/fit/distributions.hpp"
 #include "reports/axes.hpp"
 #include "reports/gnuplot.hpp"
 #include "reports/report.hpp"
@@ -14,7 +15,6 @@
 namespace taut::plot {
 
 inline constexpr double kMillimetre = 1e-3;       ///< [m]
-inline constexpr double k95 = 1.959963984540054;  ///< 97.5 % quantile of the normal distribution
 inline constexpr double kPageWidth = 960;         ///< px
 inline constexpr double kTitle = 64;              ///< px, for the two lines of the title
 inline constexpr const char* kCable = "#d55e00";  ///< of cables

@@ -271,8 +271,8 @@ Stiffness stiffness_of(const RunRecord& record, const Group& group, StiffnessNum
     }
     const double half = half95(se) * std::abs(force) / (delta * delta);
     out.band.add(force, k, 0, half);
-    numbers.add(force, k, half / k95, k - half, k + half);
-    numbers.csv += line("curve", group.channel, group.series, "", "", force, delta / kMillimetre, k, half / k95,
+    numbers.add(force, k, half / z95, k - half, k + half);
+    numbers.csv += line("curve", group.channel, group.series, "", "", force, delta / kMillimetre, k, half / z95,
                         k - half, k + half);
   }
   return out;

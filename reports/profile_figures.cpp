@@ -10,7 +10,7 @@
 namespace taut::plot {
 namespace {
 
-constexpr double kRise = k95 * k95;  // of chi squared at the ends of a 95 % interval
+constexpr double kRise = z95 * z95;  // of chi squared at the ends of a 95 % interval
 constexpr double kHighest = 8;       // rise that is drawn; points above are in the CSV only
 
 using Profile = std::vector<std::pair<double, double>>;  // value, rise of chi squared

@@ -166,14 +166,14 @@ std::optional<Drawing> diagnostic(const RunRecord& record) {
                          double chi_squared) {
       csv += line(whole->spec.id, whole->spec.unit, name, readings, value, se, lower, upper, chi_squared);
     };
-    const double half = k95 * whole->standard_error;
+    const double half = z95 * whole->standard_error;
     const double lower = whole->lower95.value_or(whole->value - half);
     const double upper = whole->upper95.value_or(whole->value + half);
     add("all", static_cast<int>(fitted_readings(record)), whole->value, whole->standard_error, lower, upper,
         record.fit.chi_squared);
     Values& panel = panels.emplace_back(Values{whole, {}, std::pair(lower, upper)});
     for (const DiagnosticRecord* p : parts) {
-      const double bar = k95 * p->standard_error;
+      const double bar = z95 * p->standard_error;
       add(p->part, p->readings, p->value, p->standard_error, p->value - bar, p->value + bar, p->chi_squared);
       panel.rows.push_back(
           {part, shortened(p->part, 40) + (std::isfinite(p->value) ? "" : " (failed)"), p->value, bar});

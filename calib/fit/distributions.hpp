@@ -1,8 +1,11 @@
 #pragma once
 
-// Probabilities of the distributions that verdicts rest on; Boost.Math computes them, in the one source that pays for
-// its headers.
+// Probabilities and quantiles of the distributions that intervals and verdicts rest on; Boost.Math computes all but the
+// constant, in the one source that pays for its headers.
 namespace taut {
+
+/// 97.5 % quantile of the normal distribution: half the width of a 95 % interval in standard deviations.
+inline constexpr double z95 = 1.959963984540054;
 
 /// Probability that chi squared with `dof` degrees of freedom exceeds `value`; 1 without degrees of freedom.
 double chi_squared_probability(double value, double dof);

@@ -4,11 +4,11 @@
 #include <utility>
 #include <vector>
 
+#include "calib/fit/distributions.hpp"
 #include "calib/fit/search.hpp"
 
 namespace taut {
 
-constexpr double z95 = 1.959963984540054;   ///< 97.5 % quantile of the normal distribution
 constexpr double profile_rise = z95 * z95;  ///< rise of chi squared at the ends of a 95 % profile interval
 
 /// A fall of chi squared that is another minimum: a tenth of a standard error.

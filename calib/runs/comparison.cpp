@@ -16,8 +16,6 @@
 namespace taut {
 namespace {
 
-constexpr double half95_in_sigmas = 1.959963984540054;
-
 double scale_of_estimate(const ParameterEstimate& estimate) {
   return estimate.spec.logarithmic ? estimate.value : 1;
 }
@@ -60,9 +58,7 @@ std::map<std::string, Part> parts_of(const RunRecord& record, size_t j) {
 double variance_of_shares(const std::map<std::string, Part>& first, const std::map<std::string, Part>& second,
                           const std::vector<InputDifference>& inputs, std::vector<std::string>& cancelled) {
   double sum = 0;
-  const auto count = [&](double bias, double error) {
-    sum += std::pow((std::abs(bias) + std::abs(error)) / half95_in_sigmas, 2);
-  };
+  const auto count = [&](double bias, double error) { sum += std::pow((std::abs(bias) + std::abs(error)) / z95, 2); };
   for (const auto& [source, part] : first) {
     const auto other = second.find(source);
     if (other != second.end() && is_common(source, inputs)) {

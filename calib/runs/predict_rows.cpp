@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "calib/fit/distributions.hpp"
 #include "calib/runs/new_reading.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/numbers.hpp"
@@ -23,8 +24,8 @@ std::vector<PredictedRow> predicted_rows(const RunRecord& record, const Bench& b
     row.value = prediction.values[reading.row];
     row.error = se[reading.row];
     const double sigma = sigma_of_new_reading(record, bench, reading, row.value);
-    row.curve = 1.96 * row.error;
-    row.reading = 1.96 * std::hypot(row.error, sigma);
+    row.curve = z95 * row.error;
+    row.reading = z95 * std::hypot(row.error, sigma);
     for (const EquilibriaRecord& rows_there : equilibria) {
       if (std::ranges::count(rows_there.lines, row.line) > 0) row.equilibria = mark_of(rows_there);
     }

@@ -173,8 +173,8 @@ class Run {
       events_.begins(name);
       action();
     } catch (const std::exception& error) {
-      record_.remarks.push_back(fmt::format("{} failed and is left out: {}", name, error.what()));
-      ++record_.failed_stages;
+      record_.failed_stages.push_back(fmt::format("{} failed and is left out: {}", name, error.what()));
+      record_.remarks.push_back(record_.failed_stages.back());
     }
     try {
       if (!stopped()) events_.keep(record_);

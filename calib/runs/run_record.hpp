@@ -112,9 +112,9 @@ struct ReferenceRecord {
 /// and `taut predict`. Figures and report.html are functions of this record alone.
 struct RunRecord {
   std::string title;
-  bool simulated = false;                                  ///< the readings were simulated, not measured
-  bool interrupted = false;                                ///< parts of the run are missing
-  int failed_stages = 0;                                   ///< parts that failed; the remarks say which
+  bool simulated = false;                  ///< the readings were simulated, not measured
+  bool interrupted = false;                ///< parts of the run are missing
+  std::vector<std::string> failed_stages;  ///< those of the remarks that say which stage failed, and why
   std::vector<std::pair<std::string, std::string>> setup;  ///< "mesh", "quadratic ..." lines for the report
   std::vector<AxisRecord> controls;                        ///< in the order of ReadingRecord::controls
   std::vector<AxisRecord> channels;                        ///< all that readings and curves name

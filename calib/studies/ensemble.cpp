@@ -223,13 +223,13 @@ double fitted(const ParameterSpec& spec, double value) {
 
 std::string verdict_on(const Weighted& drawn, const ParameterEstimate& estimate, double effective,
                        EnsembleMarginal& marginal) {
-  const double z = normal_quantile(0.975), value = fitted(estimate.spec, estimate.value),
+  const double value = fitted(estimate.spec, estimate.value),
                se = estimate.standard_error / (estimate.spec.logarithmic ? estimate.value : 1);
   marginal.width = marginal.width_error = not_a_number;
   if (!(se > 0) || !std::isfinite(se)) return "it has none: the readings do not define it";
   // An end's standard error is sqrt(p (1 - p) / n) over the density there, 1.36 / sqrt(n) of a normal half width.
   const double doubt = 2 * 1.36 / std::sqrt(effective);
-  const double low = (value - drawn.quantile(0.025)) / (z * se), high = (drawn.quantile(0.975) - value) / (z * se);
+  const double low = (value - drawn.quantile(0.025)) / (z95 * se), high = (drawn.quantile(0.975) - value) / (z95 * se);
   marginal.width = (low + high) / 2;
   marginal.width_error = doubt / std::sqrt(2);
   if (doubt > 0.5) return fmt::format("not known: {:.0f} effective members are too few", effective);
@@ -238,7 +238,8 @@ std::string verdict_on(const Weighted& drawn, const ParameterEstimate& estimate,
     return fmt::format("good (its ends within {:.0f} %)", 100 * allowed);
   if (marginal.width > 1 + allowed / std::sqrt(2)) return fmt::format("too narrow by {:.2g}", marginal.width);
   if (marginal.width < 1 - allowed / std::sqrt(2)) return fmt::format("too wide by {:.2g}", 1 / marginal.width);
-  return fmt::format("{} by {:.2g} standard errors", high > low ? "too low" : "too high", z * std::abs(high - low) / 2);
+  return fmt::format("{} by {:.2g} standard errors", high > low ? "too low" : "too high",
+                     z95 * std::abs(high - low) / 2);
 }
 
 /// Ends that lie where the prior ends rather than where readings do: a thousandth of the weight within the last

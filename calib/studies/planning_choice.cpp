@@ -3,14 +3,13 @@
 #include <map>
 #include <set>
 
+#include "calib/fit/distributions.hpp"
 #include "calib/studies/planning.hpp"
 #include "sim/core/dense.hpp"
 #include "sim/core/numbers.hpp"
 
 namespace taut {
 namespace {
-
-constexpr double planning_quantile = 1.959963984540054;  ///< 97.5 % of the normal distribution
 
 using Information = std::vector<Eigen::MatrixXd>;  ///< one per draw
 using Rows = std::vector<size_t>;                  ///< positions in PlanTask::rows, repeats allowed
@@ -35,7 +34,7 @@ PlanWidths widths_of(const PlanTask& task, const Information& information) {
     variance += (std::isfinite(one) ? one : infinity) / static_cast<double>(information.size());
   }
   PlanWidths widths;
-  widths.noise = planning_quantile * std::sqrt(std::max(0.0, variance));
+  widths.noise = z95 * std::sqrt(std::max(0.0, variance));
   widths.total = std::hypot(widths.noise, task.goal.floor);
   return widths;
 }

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <map>
 
+#include "calib/fit/distributions.hpp"
 #include "calib/fit/gauss_newton.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/numbers.hpp"
@@ -15,8 +16,7 @@
 namespace taut {
 namespace {
 
-constexpr double quantile95 = 1.959963984540054;  ///< 97.5 % of the normal distribution
-constexpr double stiffness_step = 1e-3;           ///< of central differences, on the scale of scale_of()
+constexpr double stiffness_step = 1e-3;  ///< of central differences, on the scale of scale_of()
 constexpr size_t scan_steps = 24;
 
 /// dx / d(fitted scale): of logarithmic parameters their value.
@@ -66,7 +66,7 @@ double part_of(const Share& share, const FitResult& fit, const Eigen::VectorXd& 
 
 HalfWidths half_widths(const FitResult& fit, const std::vector<Share>& shares, const Eigen::VectorXd& gradient) {
   HalfWidths half;
-  half.noise = quantile95 * std::sqrt(std::max(0.0, gradient.dot(fit.covariance * gradient)));
+  half.noise = z95 * std::sqrt(std::max(0.0, gradient.dot(fit.covariance * gradient)));
   double squares = 0;
   for (const Share& share : shares) {
     if (!share.counted || std::ranges::any_of(share.bias, [](double bias) { return !std::isfinite(bias); })) continue;

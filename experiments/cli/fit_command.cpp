@@ -51,7 +51,9 @@ std::string cost_text(const RunRecord& record) {
       profiles.factorisations);
 }
 
+/// Says what went wrong, even when quiet.
 int exit_code(const CommandOptions& options, const RunRecord& record, const std::string& report_failure) {
+  for (const std::string& failure : record.failed_stages) fmt::print(stderr, "taut: {}\n", failure);
   if (options.interrupted()) return exit_interrupted;
   if (record.fit.status != FitStatus::converged) {
     fmt::print(stderr, "taut: the fit did not converge: {}\n", record.fit.message);
@@ -61,7 +63,7 @@ int exit_code(const CommandOptions& options, const RunRecord& record, const std:
     fmt::print(stderr, "taut: {}\n", report_failure);
     return exit_input;
   }
-  return record.failed_stages > 0 ? exit_solve : exit_ok;
+  return record.failed_stages.empty() ? exit_ok : exit_solve;
 }
 
 /// Fits the free parameters and writes a run folder.
@@ -86,7 +88,9 @@ int fit_main(const CommandOptions& options) {
     print_fit(record);
   if (posterior) print_ensemble(*posterior, task, progress, !options.json);
   std::for_each(record.remarks.begin() + static_cast<std::ptrdiff_t>(run.said), record.remarks.end(),
-                [&](const std::string& remark) { progress.say("note: " + remark); });
+                [&](const std::string& remark) {
+                  if (std::ranges::count(record.failed_stages, remark) == 0) progress.say("note: " + remark);
+                });
   progress.say(cost_text(record));
   if (record.interrupted) progress.say("interrupted: the same command goes on from here");
   progress.say("report: " + (std::filesystem::path(job.folder) / "report.html").string());

@@ -274,7 +274,7 @@ class PyExperiment {
     return replay_dict(*bench, *replay);
   }
 
-  /// (how it ended, result or None, why there is no report, failures of the start)
+  /// (how it ended, result or None, which stages failed and why there is no report, failures of the start)
   py::tuple fit(const std::string& out, bool variants, bool fresh, const std::string& called, int threads,
                 const py::object& progress) const {
     std::atomic<bool> stop{false};
@@ -286,12 +286,15 @@ class PyExperiment {
     computation.run([&] { run = fit_bench(*open(computation, threads, Readings::needed, ""), job); });
     const bool kept = run.end == FitEnd::kept, found = kept || run.end == FitEnd::not_replacing;
     const py::list failures = texts(run.record.fit.failures);
+    const std::vector<std::string> failed_stages = run.record.failed_stages;
     const py::str end(run.end == FitEnd::start_failed ? "start failed" : "");
     const py::object result =
         found ? py::cast(Fitted(std::move(run.record), experiment_, kept && !out.empty())) : py::none();
     computation.raise(result);
-    return py::make_tuple(end, result, text(run.report_failure.empty() ? undrawn_figures() : run.report_failure),
-                          failures);
+    std::vector<std::string> lost = failed_stages;
+    lost.push_back(run.report_failure.empty() ? undrawn_figures() : run.report_failure);
+    if (lost.back().empty()) lost.pop_back();
+    return py::make_tuple(end, result, texts(lost), failures);
   }
 
  private:

@@ -11,6 +11,7 @@
 #include "sim/core/error.hpp"
 #include "sim/files/simulation.hpp"
 #include "tests/support/experiment_files.hpp"
+#include "tests/support/hung_mass.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/small_robot.hpp"
 
@@ -129,6 +130,8 @@ TEST(Accuracy, WhatThePlaneSectionCostsIsSaidAgainstTheLimitOfTheSolid) {
       chart.section,
       "the plane section in use is 5 % off the solid (root mean square; 5 % at most), which takes 1e+03 times as long");
   EXPECT_NEAR(chart.points[0].model_error, 0.05, 1e-6) << "to the solid's limit";
+  for (size_t i = 1; i < 4; ++i)  // over the section's value, 1
+    EXPECT_NEAR(chart.points[i].model_error, 1.05 * std::pow(0.25, static_cast<double>(i - 1)) / 50, 1e-9);
   EXPECT_EQ(chart.points[0].error, 0) << "the reference of all else is the section's own";
   study.settings.resize(1);
   EXPECT_EQ(judge(study, run_settings(study, {10, folder / "b.csv", "f", nullptr, {}})).section, "");
@@ -280,6 +283,175 @@ TEST(Accuracy, SimulationsWithoutInertiaOrWithoutChannelsToCompareAreRefused) {
   expect_input_error([&] { accuracy_study(still); }, {path, "no integrator to compare"});
   simulation.channels.clear();
   expect_input_error([&] { accuracy_study(simulation); }, {path, "no channel to compare", "position"});
+}
+
+/// The setting that is called so.
+const AccuracySetting& called(const AccuracyStudy& study, const std::string& name) {
+  const auto found = std::ranges::find(study.settings, name, &AccuracySetting::name);
+  if (found == study.settings.end()) throw std::runtime_error("there is no setting '" + name + "'");
+  return *found;
+}
+
+std::vector<std::string> names_of(const AccuracyStudy& study, const std::string& axis) {
+  std::vector<std::string> names;
+  for (const AccuracySetting& one : study.settings) {
+    if (one.axis == axis) names.push_back(one.name);
+  }
+  return names;
+}
+
+Eigen::VectorXd values_of(const AccuracySetting& setting) {
+  const std::atomic<bool> go_on{false};
+  const AccuracyRun run = setting.run(go_on);
+  EXPECT_EQ(run.failure, "") << setting.name;
+  return run.values;
+}
+
+TEST(Accuracy, StepsOfARecordingTendToTheMotionWithTheOrderOfTheirIntegrator) {
+  const TemporaryFolder folder;
+  folder.write("ring.csv", hung_mass_csv(40));
+  const AccuracyStudy study = accuracy_study(read_experiment(folder.write("experiment.toml", hung_mass_toml)));
+  const auto error = [&](const std::string& name) {
+    const AccuracySetting& one = called(study, name);
+    EXPECT_EQ(one.integrator, name.substr(0, name.find(',')));
+    const Eigen::VectorXd values = values_of(one);
+    double worst = 0;
+    for (int i = 0; i < 40; ++i)
+      worst = std::max(worst, std::abs(values[i] - hung_mass_at(0.05e-3 * i)) * hung_k / hung_F);
+    return worst;
+  };
+  const double coarse = error("BDF2, steps of 0.05 ms"), fine = error("BDF2, steps of 0.0125 ms");
+  EXPECT_NEAR(std::log2(coarse / fine) / 2, 2, 0.2) << coarse << " " << fine;
+  const double rough = error("implicit Euler, steps of 0.025 ms"), better = error("implicit Euler, steps of 0.0125 ms");
+  EXPECT_NEAR(std::log2(rough / better), 1, 0.2) << rough << " " << better;
+  EXPECT_GT(better, 4 * fine);
+  EXPECT_EQ(names_of(study, "BDF2"),
+            (std::vector<std::string>{"BDF2, steps of 0.1 ms", "BDF2, steps of 0.05 ms", "BDF2, steps of 0.0125 ms"}))
+      << "0.025 ms are those in use";
+  EXPECT_EQ(names_of(study, "implicit Euler").size(), 4u);
+  const auto in_use = std::ranges::find(study.settings, true, &AccuracySetting::in_use);
+  ASSERT_NE(in_use, study.settings.end());
+  EXPECT_EQ(in_use->sequences.at("step"), 25e-6);
+  EXPECT_EQ(called(study, "BDF2, steps of 0.0125 ms").sequences.at("step"), 12.5e-6);
+  EXPECT_EQ(called(study, "implicit Euler, steps of 0.025 ms").sequences.count("step"), 0u) << "another order";
+  EXPECT_EQ(in_use->integrator, "BDF2");
+}
+
+TEST(Accuracy, SamplesThatAreLeftOutLendTheirWeightToThoseThatStay) {
+  const TemporaryFolder folder;
+  folder.write("ring.csv", hung_mass_csv(250));
+  const AccuracyStudy study = accuracy_study(read_experiment(folder.write("experiment.toml", hung_mass_toml)));
+  ASSERT_EQ(study.sigma.size(), 2 * 84u) << "every third one of 250 in each of two channels";
+  for (double sigma : study.sigma) EXPECT_NEAR(sigma, 0.2e-6 / std::sqrt(3), 1e-18);
+  EXPECT_EQ(std::ranges::count(study.series, 0), 84);
+  EXPECT_EQ(std::ranges::count(study.series, 1), 84);
+  folder.write("ring.csv", hung_mass_csv(100));
+  EXPECT_EQ(accuracy_study(read_experiment(folder / "experiment.toml")).sigma, std::vector(200, 0.2e-6));
+}
+
+TEST(Accuracy, ABeamIsSoftestInPlaneStressAndStiffestInPlaneStrainAndAsASolidBetween) {
+  const TemporaryFolder folder;
+  folder.write("bench.csv", "trial,pull_N,tip_mm\na,0.0005,0.01\na,0.001,0.02\nb,0.0005,0.01\n");
+  const AccuracyStudy study = accuracy_study(read_experiment(folder.write("beam.toml", beam_toml)));
+  ASSERT_EQ(study.sigma.size(), 2u);
+  EXPECT_NEAR(study.sigma[0], 1e-4 / std::sqrt(2), 1e-16) << "the mean of two readings";
+  EXPECT_NEAR(study.sigma[1], 1e-4, 1e-16);
+  const auto in_use = std::ranges::find(study.settings, true, &AccuracySetting::in_use);
+  ASSERT_NE(in_use, study.settings.end());
+  EXPECT_EQ(in_use->model, "plane section, quadratic elements");
+  const AccuracySetting &stress = called(study, "plane stress"),
+                        &solid = called(study, "as a solid, 1 cell across half of it");
+  EXPECT_EQ(solid.model, "solid");
+  EXPECT_EQ(solid.sequences.at("depth"), 1);
+  EXPECT_EQ(called(study, "as a solid, 2 cells across half of it").sequences.at("depth"), 0.5);
+  const double narrow = values_of(stress)[1], wide = values_of(*in_use)[1], between = values_of(solid)[1];
+  EXPECT_LT(wide, between);
+  EXPECT_LT(between, narrow);
+  // F L^3 / (3 E I) + F L / (kappa G A), in plane strain with E / (1 - nu^2).
+  const double L = 0.06, H = 0.012, t = 0.02, E = 100e3, F = 0.001, nu = 0.3;
+  const double bending = F * L * L * L / (3 * E * t * H * H * H / 12), shear = F * L / (5.0 / 6 * E / 2.6 * t * H);
+  EXPECT_NEAR(narrow, bending + shear, 0.02 * narrow);
+  EXPECT_NEAR(wide, (1 - nu * nu) * bending + shear, 0.02 * wide);
+  EXPECT_NEAR(values_of(called(study, "model \"beam\""))[1], wide, 0.03 * wide);
+  for (const char* name : {"2 load steps", "step tolerance 1e-07"})
+    EXPECT_NEAR(values_of(called(study, name))[1], wide, 1e-5 * wide) << "small strains: no matter how they are solved";
+  EXPECT_EQ(names_of(study, "load steps").size(), 3u) << "of 1, 2, 4 and 8 the file has one";
+  EXPECT_EQ(names_of(study, "contact gap").size(), 0u);
+  EXPECT_EQ(names_of(study, "quadratic, locking-free").size(), 0u);
+  const std::string soft = folder.write("soft.toml", replaced(beam_toml, "nu = 0.3", "nu = 0.45"));
+  EXPECT_GT(names_of(accuracy_study(read_experiment(soft)), "quadratic, locking-free").size(), 3u);
+}
+
+/// A block that falls freely and turns nothing.
+const std::string falling_toml = R"(
+title = "A falling block"
+[simulation]
+integrator = "implicit_euler"
+duration = "40 ms"
+step = "2 ms"
+thickness = "20 mm"
+gravity = "9.81 m/s2"
+direction = [0, -1]
+[[body]]
+name = "block"
+geometry = { kind = "rectangle", size = ["8 mm", "8 mm"], region = "rubber" }
+mesh = { cells = [1, 1], element = "linear" }
+[materials.rubber]
+law = "neo_hookean"
+E = "200 kPa"
+nu = 0.3
+density = "1000 kg/m3"
+[[channel]]
+id = "height"
+kind = "displacement"
+of = "block"
+direction = [0, 1]
+[[channel]]
+id = "force"
+kind = "net_force"
+of = "block"
+direction = [0, 1]
+)";
+
+TEST(Accuracy, AFallIsComparedAtAHundredAndOneInstantsBetweenItsSteps) {
+  const TemporaryFolder folder;
+  const AccuracyStudy study = accuracy_study(read_simulation(folder.write("fall.toml", falling_toml)));
+  EXPECT_EQ(study.series, std::vector<int>(101, 0)) << "net forces are no curve";
+  const double g = 9.81, duration = 0.04;
+  // Implicit Euler after n steps: -g h^2 n (n + 1) / 2, straight between them.
+  for (const auto& [name, h] : std::vector<std::pair<std::string, double>>{{"implicit Euler, steps of 4 ms", 0.004},
+                                                                           {"implicit Euler, steps of 1 ms", 0.001}}) {
+    const Eigen::VectorXd values = values_of(called(study, name));
+    ASSERT_EQ(values.size(), 101);
+    for (int i = 0; i <= 100; ++i) {
+      const double t = duration * i / 100, n = std::min(std::floor(t / h + 1e-9), std::round(duration / h) - 1);
+      const auto at = [&](double steps) { return -g * h * h * steps * (steps + 1) / 2; };
+      const double s = t / h - n;
+      EXPECT_NEAR(values[i], (1 - s) * at(n) + s * at(n + 1), 1e-7) << name << " at " << t;
+    }
+  }
+  for (const char* name : {"CVODE, tolerance 1e-04", "ARKODE, implicit, tolerance 1e-04"}) {
+    EXPECT_TRUE(called(study, name).may_hang);
+    const Eigen::VectorXd values = values_of(called(study, name));
+    EXPECT_NEAR(values[100], -g * duration * duration / 2, 2e-3 * g * duration * duration / 2) << name;
+  }
+  const auto in_use = std::ranges::find(study.settings, true, &AccuracySetting::in_use);
+  ASSERT_NE(in_use, study.settings.end());
+  EXPECT_TRUE(in_use->name.ends_with(", implicit Euler, steps of 2 ms")) << in_use->name;
+  EXPECT_EQ(in_use->sequences.count("step"), 0u) << "of BDF2 alone";
+  EXPECT_EQ(names_of(study, "implicit Euler").size(), 4u);
+  EXPECT_EQ(names_of(study, "BDF2").size(), 5u);
+  for (const AccuracySetting& one : study.settings)
+    EXPECT_EQ(one.sequences.count("mesh"), one.axis == "quadratic elements" ? 1u : 0u)
+        << one.name << ": linear elements tend to the answer more slowly";
+  EXPECT_EQ(called(study, "BDF2, steps of 1 ms").sequences.at("step"), 1e-3);
+  EXPECT_EQ(names_of(study, "contact gap").size(), 0u);
+
+  const AccuracyStudy touching = accuracy_study(read_simulation(folder.write("robot.toml", robot_toml)));
+  EXPECT_EQ(names_of(touching, "contact gap"), (std::vector<std::string>{"contact gap 1.2 mm", "contact gap 600 um",
+                                                                         "contact gap 150 um", "contact gap 75 um"}));
+  EXPECT_NEAR(called(touching, "contact gap 75 um").sequences.at("contact gap"), 75e-6, 1e-18);
+  EXPECT_EQ(touching.series.size(), 5 * 101u) << "of six channels one is a net force";
 }
 
 }  // namespace

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 namespace taut {
 namespace {
 
@@ -28,6 +30,10 @@ TEST(Distributions, OfTheNormalOneAndKolmogorovs) {
   EXPECT_NEAR(kolmogorov_probability(1.628e-3, 1'000'000), 0.01, 1e-3);
   EXPECT_NEAR(kolmogorov_probability(0.1340, 100), 0.05, 3e-3);  // exact for 100: Birnbaum 1952
   EXPECT_EQ(kolmogorov_probability(0, 10), 1);
+}
+
+TEST(Distributions, NineteenOfTwentyNormalErrorsStayWithinTheQuantile) {
+  EXPECT_NEAR(std::erf(z95 / std::sqrt(2.0)), 0.95, 1e-15);
 }
 
 TEST(Distributions, NothingIsUnlikelyWithoutDegreesOfFreedom) {

@@ -94,7 +94,7 @@ TEST(RobustFit, OfABenchIsInTheRecordWithTheLineThatItSetsAside) {
     values.push_back(1e3 * exact.values[reading.row] + 0.1 * normal(random));
   const std::string quick = "\n[fit]\nmesh_share = false\n", robust = quick + "robust = \"student\"\n";
   const RunRecord clean = record_of(csv(values, -1), robust), off = record_of(csv(values, 17), robust);
-  EXPECT_EQ(clean.failed_stages + off.failed_stages, 0);
+  EXPECT_TRUE(clean.failed_stages.empty() && off.failed_stages.empty());
   EXPECT_TRUE(clean.robust.outliers.empty());
   ASSERT_EQ(off.robust.outliers.size(), 1u);
   EXPECT_EQ(off.robust.outliers[0].line, 19);

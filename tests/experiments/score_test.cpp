@@ -78,9 +78,9 @@ TEST(ScoreCommand, TakesReplaysOfAMaterialPoint) {
     if (cells.at(0) != "line")  // strain, measured, sigma, predicted
       chi_squared += std::pow((std::stod(cells.at(6)) - std::stod(cells.at(4))) / std::stod(cells.at(5)), 2);
   }
-  const json scored = json::parse(done_in(folder / "", {"score", TAUT_SOURCE_DIR "/data/foam_curves/bench.csv",
-                                                        "replay/predictions.csv", "--experiment", experiment, "--json"})
-                                      .out);
+  const std::string bench = TAUT_SOURCE_DIR "/data/foam_curves/bench.csv";
+  const json scored = json::parse(
+      done_in(folder / "", {"score", bench, "replay/predictions.csv", "--experiment", experiment, "--json"}).out);
   EXPECT_NEAR(scored.at("ranked")[0].at("chi_squared").get<double>(), chi_squared, 1e-6 * chi_squared);
 }
 
@@ -111,8 +111,8 @@ TEST(ScoreCommand, WrongInputGetsOneSentence) {
   const Outcome missing = run_in(folder / "", {"score", "rig.csv", "none.csv"});
   EXPECT_EQ(missing.code, 2);
   expect_holds(missing.err, {"none.csv"});
-  const Outcome recordings = run_in(folder / "", {"score", "rig.csv", "sim.csv", "--experiment",
-                                                  TAUT_SOURCE_DIR "/experiments/silicone_swing/experiment.toml"});
+  const std::string swing = TAUT_SOURCE_DIR "/experiments/silicone_swing/experiment.toml";
+  const Outcome recordings = run_in(folder / "", {"score", "rig.csv", "sim.csv", "--experiment", swing});
   EXPECT_EQ(recordings.code, 2);
   expect_holds(recordings.err, {"which stand in files of their own"});
   const Outcome no_channel = run_in(folder / "", {"score", "rig.csv", "sim.csv", "--channel", "top_mm"});

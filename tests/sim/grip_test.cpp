@@ -164,7 +164,7 @@ TEST(Grip, HoldsWhatTouchesAndForgetsWhatOpens) {
   for (int node = upper.first_node; node < upper.first_node + upper.node_count; ++node)
     u[2 * node + 1] += model.mesh().node(node)[0] > kBlockLength / 2 ? kBlockGap : 0;
   grip->drop_open(u);
-  EXPECT_NEAR(grip->count(), all / 2, 3);
+  EXPECT_NEAR(grip->count(), 0.5 * all, 3);
   grip->add_touching(model.mesh(), *pair.contact, {pressed.u(), closed});
   EXPECT_EQ(grip->count(), all) << "each once";
 }

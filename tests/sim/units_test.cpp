@@ -245,6 +245,15 @@ TEST(Units, SpellingsOfOthersAreKnown) {
   EXPECT_DOUBLE_EQ(unit_factor("N/mm\xC2\xB2", Quantity::pressure, "x"), 1e6);
 }
 
+TEST(Units, ARowOfUnitsHoldsAUnitAtLeast) {
+  EXPECT_TRUE(like_units({"mm", "", "-"}));
+  EXPECT_TRUE(like_units({"[furlong]", ""})) << "not one of ours, but in brackets";
+  EXPECT_FALSE(like_units({"", ""}));
+  EXPECT_FALSE(like_units({"-", ""}));
+  EXPECT_FALSE(like_units({"mm", "12"}));
+  EXPECT_FALSE(like_units({"mm", "a remark on the specimen"}));
+}
+
 TEST(Units, TheNearestUnitIsTheOneOfAnotherCase) {
   expect_input_error([] { unit_factor("MM", Quantity::length, "x"); }, {"did you mean 'mm'?"});
   expect_input_error([] { parse_header("drop_MM", {Quantity::length}, "x"); }, {"did you mean 'drop_mm'?"});

@@ -110,13 +110,14 @@ class Experiment:
         of the inputs); an interrupted fit goes on from there when it is called again (`fresh`: starts anew). None: no
         files. `variants`: the refits that the file asks for, too. `progress`: called with lines of text, in the thread
         that waits.
-        Returns a Run, also of a fit that did not converge (``run.status``). Raises InputError, and SolveError where
+        Returns a Run, also of a fit that did not converge (``run.status``). A stage after the fit that failed, and what
+        could not be drawn, is a warning. Raises InputError, and SolveError where
         the simulation failed at the start. After Ctrl-C, KeyboardInterrupt has the Run as far as it came as ``result``.
         """
         where = b"" if out is None else compiled.path_bytes(out)
         called = f"{self!r}.fit({'' if out is None else f'out={os.fspath(out)!r}'})"
         try:
-            end, fitted, report_failure, failures = self._compiled.fit(where, variants, fresh, called,
+            end, fitted, lost, failures = self._compiled.fit(where, variants, fresh, called,
                                                                              compiled.threads_of(threads), progress)
         except BaseException as error:
             fitted = getattr(error, "result", None)
@@ -126,8 +127,8 @@ class Experiment:
         if end == "start failed":
             raise SolveError(f"{self.path}: the simulation failed at the start of the fit: {'; '.join(failures)}; change "
                              "the start values, or look at the model with replay()")
-        if report_failure:
-            warnings.warn(report_failure, stacklevel=2)
+        for warning in lost:
+            warnings.warn(warning, stacklevel=2)
         return Run._of(fitted, out)
 
 
