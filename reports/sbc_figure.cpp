@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "calib/fit/distributions.hpp"
 #include "reports/figures.hpp"
 
 namespace taut {
@@ -34,7 +35,7 @@ void draw_sbc(const Bench& bench, const std::vector<std::optional<SbcResult>>& r
     }
     steps.push_back({1, 0});
     // A bar counts a binomial number, near enough a normal one.
-    const double n = verdicts[j].count, mean = n / bins, half = k95 * std::sqrt(n / bins * (1 - 1.0 / bins));
+    const double n = verdicts[j].count, mean = n / bins, half = z95 * std::sqrt(n / bins * (1 - 1.0 / bins));
     Plots plots;
     page.add(plots, steps, "lines lw 2", colour(0));
     std::vector<double> shown = counts;

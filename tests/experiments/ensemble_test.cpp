@@ -114,11 +114,11 @@ TEST_F(EnsembleCommand, UnderMpirunOnlySharedWorkIsDone) {
   fit("run");
   if (std::system("command -v mpirun >/dev/null") != 0) GTEST_SKIP() << "no mpirun";
   const auto mpi = [&](const std::string& how, const std::string& arguments) {
-    const std::string command =
-        "cd '" + (folder / "") +
-        "' && OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMPI_MCA_btl=self,vader "
-        "timeout 100 mpirun --oversubscribe " +
-        how + " '" + TAUT_BINARY + "' " + arguments + " >out.txt 2>err.txt";
+    const std::string command = "cd '" + (folder / "") +
+                                "' && OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 "
+                                "OMPI_MCA_plm_rsh_agent=sh OMPI_MCA_btl=self,vader "
+                                "timeout 100 mpirun --oversubscribe " +
+                                how + " '" + TAUT_BINARY + "' " + arguments + " >out.txt 2>err.txt";
     return WEXITSTATUS(std::system(command.c_str()));
   };
   if (TAUT_WITH_MPI == 0) {

@@ -88,6 +88,44 @@ TEST(PushPuppetLimits, AHeavyMassHungAtOnceEndsWhereManySmallOnesLead) {
   EXPECT_LT(drop, 14e-3) << "the other equilibrium lies at 15.0 mm";
 }
 
+/// Studs longer than a cell's gap stand in their grooves from the start: they locate the plates before anything closes.
+/// How far a tongue and the lip around it have moved apart, across, is bounded by the play.
+TEST(PushPuppetLimits, StudsThatReachIntoTheirGroovesAtRestBoundTheShearOfOpenJoints) {
+  PushPuppet module;
+  module.gap_total = 8e-3;
+  std::vector<double> drops;
+  for (const double stud_length : {0.0, 2.5e-3}) {
+    module.stud_length = stud_length;
+    const PushPuppetLayout at(module);
+    ASSERT_LT(at.gap, 2.5e-3);
+    Experiment e = reference_module();
+    set_module(e, module);
+    e.mesh.size = 4e-3;
+    const Outcome outcome = replay(e, conditions_of({0}, {0.2}));
+    ASSERT_TRUE(outcome.prediction.complete());
+    drops.push_back(outcome.prediction.values[0]);
+    if (stud_length == 0) continue;
+    const Mesh& mesh = outcome.bench.protocol->scene().model->mesh();
+    const Eigen::VectorXd& u = outcome.bench.protocol->conditions().front().u;
+    const auto u_y = [&](double x, double y) {
+      const MaterialPoint point = locate(mesh, Eigen::Vector2d(x, y));
+      double sum = 0;
+      for (size_t i = 0; i < point.nodes.size(); ++i) sum += point.weights[i] * u[2 * point.nodes[i] + 1];
+      return sum;
+    };
+    double largest = 0;
+    for (int joint = 0; joint < module.cells; ++joint) {
+      const double face = joint * at.pitch + at.lip_length + at.gap;
+      const double wall = at.middle + 0.5 * module.stud_thickness + module.stud_play + 0.2e-3;
+      for (const double side : {1.0, -1.0})
+        largest = std::max(largest, std::abs(u_y(face + 0.2e-3, side * at.middle) - u_y(face + 0.2e-3, side * wall)));
+    }
+    EXPECT_LT(largest, 1.1 * module.stud_play);
+    EXPECT_GT(largest, 0.7 * module.stud_play) << "one of them is at the end of its play";
+  }
+  EXPECT_LT(drops[1], 0.9 * drops[0]);
+}
+
 TEST(SlowPushPuppetLimits, AKilogramOnTheSoftModuleIsSaidToBeBeyondTheEndOfThePath) {
   const Outcome outcome = replay(reference_module(1), conditions_of({0}, {0.5, 1.0}));
   ASSERT_EQ(outcome.prediction.failures.size(), 1u);
