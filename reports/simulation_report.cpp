@@ -20,17 +20,17 @@ using html::escaped;
 constexpr size_t kLargestInline = 2'000'000;  // bytes of a figure within the page
 
 /// "tip_angle goes from 0 deg at 0 mm of retraction to -89.2 deg at 17.1 mm", and what it reaches in between.
-std::string course_of(const Series& x, const Series& y) {
+std::string course_of(const Series& x, const Series& y, const std::string& name) {
   std::vector<size_t> known;
   for (size_t k = 0; k < y.values.size(); ++k) {
     if (std::isfinite(y.values[k])) known.push_back(k);
   }
-  if (known.empty()) return plot::label_of(y) + " has no value";
+  if (known.empty()) return name + " has no value";
   const size_t first = known.front(), last = known.back();
   const auto at = [&](size_t k) {
     return fmt::format("{} at {} {}", plot::shown_value(y, k), plot::label_of(x), plot::shown_value(x, k));
   };
-  std::string text = fmt::format("{} goes from {} to {}", plot::label_of(y), at(first), at(last));
+  std::string text = fmt::format("{} goes from {} to {}", name, at(first), at(last));
   const double low = std::min(y.values[first], y.values[last]), high = std::max(y.values[first], y.values[last]);
   const auto [least, most] = std::ranges::minmax_element(known, {}, [&](size_t k) { return y.values[k]; });
   const double beyond = 0.02 * (y.values[*most] - y.values[*least]);
@@ -51,12 +51,18 @@ std::optional<Section> question(const SimulationRecord& record) {
   };
   std::vector<SimulationRecord::Plot> plots = record.plots;
   if (plots.empty() && !record.channels.empty()) plots.push_back({"", "", "", {record.channels.front().id}});
+  // Several channels may have one meaning: "drop (displacement of module.tip)".
+  const auto name_of_series = [&](const Series& y) {
+    const std::string label = plot::label_of(y);
+    const auto alike = std::ranges::count_if(all, [&](const Series* other) { return plot::label_of(*other) == label; });
+    return alike > 1 ? fmt::format("{} ({})", y.id, label) : label;
+  };
   std::string html;
   for (const SimulationRecord::Plot& plot : plots) {
     for (const std::string& y : plot.y) {
       const Series& x = *named(plot.x.empty() && driver != nullptr ? driver->id : plot.x);
-      html +=
-          html::paragraph(fmt::format("{}{}{}.", plot.title, plot.title.empty() ? "" : ": ", course_of(x, *named(y))));
+      html += html::paragraph(fmt::format("{}{}{}.", plot.title, plot.title.empty() ? "" : ": ",
+                                          course_of(x, *named(y), name_of_series(*named(y)))));
     }
   }
   if (html.empty()) return html_section(html::paragraph(record.description));

@@ -58,7 +58,8 @@ TEST(Fit, TheHistoryHasChiSquaredOfEveryEvaluationFromTheStartToTheColdReplay) {
   const Eigen::VectorXd y = values_of(protocol) + 1e-5 * Eigen::VectorXd::Unit(5, 2);
   const FitResult result = fit(protocol, measured(y, 1e-5), spring_parameters());
   ASSERT_EQ(static_cast<int>(result.history.size()), result.evaluations);
-  EXPECT_EQ(result.history.front().values, (std::vector<double>{500, 0.03}));
+  EXPECT_NEAR(result.history.front().values.at(0), 500, 1e-10);
+  EXPECT_EQ(result.history.front().values.at(1), 0.03);
   EXPECT_EQ(result.history.front().phase, "search");
   EXPECT_EQ(result.history.back().phase, "cold replay");
   for (const SearchStep& step : result.history) {

@@ -54,7 +54,7 @@ TEST(ScoreCommand, TakesReplaysWhoseChannelsHaveUnlikeUnits) {
                         "column = \"clamp_mN\"\nnoise = { absolute = \"2 mN\" }\n\n[bench]"));
   folder.write("bench.csv", "trial,pull_N,tip_mm,clamp_mN\na,0.05,1,52\na,0.1,2,99\n");
   done_in(folder / "", {"replay", "beam.toml", "--quiet", "--out", "replay"});
-  ASSERT_NE(text_of(folder / "replay/predictions.csv").find(",unit\n"), std::string::npos);
+  ASSERT_NE(text_of(folder / "replay/predictions.csv").find(",unit,"), std::string::npos);
   const json scored = json::parse(
       done_in(folder / "", {"score", "bench.csv", "replay/predictions.csv", "--experiment", "beam.toml", "--json"})
           .out);
