@@ -183,6 +183,19 @@ TEST_F(CableFrictionBench, TheOrderOfTheRowsIsTheirPath) {
   EXPECT_GT(std::abs(values[4] - values[6]), 1e-5);  // at 0.1 N after 0.05 N, and on the way up
 }
 
+TEST_F(CableFrictionBench, WhereRetractionsAloneAreSetTheyAreTheWay) {
+  const size_t load = module_toml.find("[[load]]");
+  const std::string toml = replaced(module_toml, module_toml.substr(load, module_toml.find("[[channel]]") - load), "");
+  const std::string header = "retraction_mm,way,tip_mm,force_N\n";
+  const std::string csv = header + "2,loading,0,0\n4,loading,0,0\n2,unloading,0,0\n0.5,unloading,0,0\n";
+  const StaticReplay by_way = open(toml + "direction = \"way\"\n", csv);
+  const StaticReplay by_order = open(toml + "ignore = [\"way\"]\norder = \"order\"\n", ordered_rows(csv));
+  const Eigen::VectorXd values = predicted(by_way).values;
+  ASSERT_EQ(values.size(), 8);
+  EXPECT_LT((values - predicted(by_order).values).cwiseAbs().maxCoeff(), 1e-9);
+  EXPECT_LT(values[5], 0.8 * values[1]) << "a cable gives way at less tension than it was drawn in with";
+}
+
 TEST_F(CableFrictionBench, AStateThatSticksIsThatStateHoweverOftenItIsSolvedAgain) {
   std::string csv = "retraction_mm,pull_N,tip_mm,force_N,order\n3,0.2,0,0,1\n3,0.15,0,0,2\n";
   for (int again = 0; again < 1000; ++again)

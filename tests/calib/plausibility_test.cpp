@@ -347,6 +347,10 @@ const std::vector<Case>& cases() {
        both(scaled(2, 1 / 25.4),
             in_file("[fit.free.E_foam]\nstart = \"300 kPa\"\nlower = \"1 kPa\"\nupper = \"100 MPa\"\n", "")),
        {"they would need E_foam = 2.8 MPa", "readings are 25.4 times too small (with E_foam = 9"}},
+      {"readings out of scale",  // a twentieth of the start is no likely modulus, although the bounds have it
+       beam,
+       scaled(2, 40),
+       {"at the best E_foam from 15 kPa to 6 MPa"}},
       {"bounds that exclude the readings",
        beam,
        in_file("lower = \"1 kPa\"", "lower = \"250 kPa\""),

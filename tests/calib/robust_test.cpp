@@ -60,6 +60,34 @@ TEST(RobustFit, MinimisesStudentsDevianceWithTheStandardErrorsOfItsInformation) 
   EXPECT_LE(found.evaluations, 5);
 }
 
+TEST(RobustFit, AStepIsTakenWhereStudentsDevianceFallsWhateverANarrowerOneDoes) {
+  // One number, least squares at 0. Student's deviance falls towards the 20 readings at 1, one of 1/4 degree of freedom
+  // towards the 40 at -0.25.
+  std::vector<Measurement> measurements;
+  const auto add = [&](int count, double value) {
+    for (int i = 0; i < count; ++i) measurements.push_back({0, value, 1, static_cast<int>(measurements.size())});
+  };
+  add(20, 1);
+  add(40, -0.25);
+  add(5, -2);
+  ClosedFormProtocol number{{{plain("a"), 0}},
+                            [](const Params& p) -> Eigen::VectorXd { return p; },
+                            [](const Params&) -> Eigen::MatrixXd { return Eigen::MatrixXd::Ones(1, 1); }};
+  const std::vector<FreeParameter> free{{0, 0, -10, 10}};
+  const auto slope = [&](double a) {  // of the deviance, but for a factor; 0 where it is least
+    double sum = 0;
+    for (const Measurement& one : measurements) sum += (a - one.value) / (4 + (a - one.value) * (a - one.value));
+    return sum;
+  };
+  double lower = 0, upper = 0.1;
+  ASSERT_LT(slope(lower), 0);
+  ASSERT_GT(slope(upper), 0);
+  for (int i = 0; i < 50; ++i) (slope((lower + upper) / 2) < 0 ? lower : upper) = (lower + upper) / 2;
+  const RobustFit found = robust_fit(number, measurements, free, fit(number, measurements, free));
+  EXPECT_NEAR(found.values[0], lower, 0.03 / std::sqrt(65)) << "to the tolerance of its search";
+  EXPECT_GT(lower, 0.15 / std::sqrt(65)) << "that far from least squares";
+}
+
 TEST(RobustFit, ASimulationThatFailsIsSaid) {
   NoisyLine line;
   const FitResult fitted = line.least_squares();

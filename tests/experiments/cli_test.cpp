@@ -93,7 +93,7 @@ TEST_F(Command, WrongUsageIsExitCodeTwoWithASentenceOnStderr) {
   refuses({"fti", experiment_},
           {"unknown command 'fti'", "did you mean 'fit'",
            "check, draw, replay, fit, simulate, ik, optimise, predict, tune, plan, export, score, "
-           "compare, recheck, chart, report"});
+           "compare, recheck, ensemble, chart, report"});
   refuses({"check"}, {"EXPERIMENT is missing", "usage: taut check"});
   refuses({"check", experiment_, "--jsn"}, {"--jsn"});
   refuses({"check", experiment_, "another.toml"}, {"taut --help"});
@@ -108,7 +108,7 @@ TEST_F(Command, WrongUsageIsExitCodeTwoWithASentenceOnStderr) {
   refuses({"replay", experiment_, "--set", "pull=2 N"}, {"pull", "bench"});
   refuses({"replay", experiment_, "--threads", "-1"}, {"threads"});
   refuses({"replay", experiment_, "--threads", "many"}, {"threads", "many"});
-  refuses({"chart", experiment_}, {"accuracy|stability|planted FILE is missing"});
+  refuses({"chart", experiment_}, {"accuracy|stability|planted|sbc FILE is missing"});
   refuses({"chart", "accurracy", experiment_}, {"'accurracy' is no chart", "did you mean 'accuracy'", "stability"});
   refuses({"chart", "accuracy", experiment_, "--budget", "-1"}, {"--budget", "seconds"});
   refuses({"chart", "accuracy", TAUT_SOURCE_DIR "/experiments/foam_point/experiment.toml"},

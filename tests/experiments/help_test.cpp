@@ -121,7 +121,7 @@ TEST_F(Help, BashCompletesCommandsOptionsFilesAndTopics) {
   )";
   EXPECT_EQ(shell(script),
             "simulate\n--fresh\na.toml|my bench|runs\nmy bench\nmy bench/experiment.toml\na.toml|my bench|runs\n\n"
-            "my bench|runs\nruns\na.toml|my bench|runs\nnew.csv|my bench|runs\nmy bench|runs\nstability\n"
+            "my bench|runs\nruns\na.toml|my bench|runs\nnew.csv|my bench|runs\nmy bench|runs\nstability|sbc\n"
             "a.toml|my bench|runs\nverdicts\nfinger|fit\n\n\n");
 }
 

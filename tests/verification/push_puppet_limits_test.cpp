@@ -107,18 +107,23 @@ TEST(PushPuppetLimits, StudsThatReachIntoTheirGroovesAtRestBoundTheShearOfOpenJo
     if (stud_length == 0) continue;
     const Mesh& mesh = outcome.bench.protocol->scene().model->mesh();
     const Eigen::VectorXd& u = outcome.bench.protocol->conditions().front().u;
-    const auto u_y = [&](double x, double y) {
+    const auto now = [&](double x, double y) {
       const MaterialPoint point = locate(mesh, Eigen::Vector2d(x, y));
-      double sum = 0;
-      for (size_t i = 0; i < point.nodes.size(); ++i) sum += point.weights[i] * u[2 * point.nodes[i] + 1];
-      return sum;
+      Eigen::Vector2d place(x, y);
+      for (size_t i = 0; i < point.nodes.size(); ++i) place += point.weights[i] * u.segment<2>(2 * point.nodes[i]);
+      return place;
     };
     double largest = 0;
     for (int joint = 0; joint < module.cells; ++joint) {
       const double face = joint * at.pitch + at.lip_length + at.gap;
-      const double wall = at.middle + 0.5 * module.stud_thickness + module.stud_play + 0.2e-3;
-      for (const double side : {1.0, -1.0})
-        largest = std::max(largest, std::abs(u_y(face + 0.2e-3, side * at.middle) - u_y(face + 0.2e-3, side * wall)));
+      const double off = 0.5 * module.stud_thickness + module.stud_play + 0.2e-3;  // into the groove's wall
+      for (const double side : {1.0, -1.0}) {
+        // How far the tongue is from a line in the wall, which turns with its lip.
+        const Eigen::Vector2d mouth = now(face + 0.2e-3, side * (at.middle + off)),
+                              along = (now(face + 2e-3, side * (at.middle + off)) - mouth).normalized(),
+                              to = now(face + 0.4e-3, side * at.middle) - mouth;
+        largest = std::max(largest, std::abs(std::abs(along[0] * to[1] - along[1] * to[0]) - off));
+      }
     }
     EXPECT_LT(largest, 1.1 * module.stud_play);
     EXPECT_GT(largest, 0.7 * module.stud_play) << "one of them is at the end of its play";
