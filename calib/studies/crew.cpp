@@ -85,7 +85,7 @@ class Manager {
     Worker& worker = workers_.at(static_cast<size_t>(message.from));
     worker.heard = Stopwatch();
     worker.gone = false;  // it was only slow
-    const Cells cells = cells_of(message.text);
+    const Cells cells = csv_cells(message.text);
     const std::string& what = cells.at(0);
     if (what == "alive") return;
     if (what == "stopped") {
@@ -134,7 +134,7 @@ class Manager {
     worker.setting = setting;
     const double patience =
         study_.settings[setting].may_hang ? 0.1 * options_.budget : std::numeric_limits<double>::infinity();
-    messages_.send(rank, line_of({"run", std::to_string(setting), fmt::format("{}", patience)}));
+    messages_.send(rank, csv_line({"run", std::to_string(setting), fmt::format("{}", patience)}));
   }
 
   Messages& messages_;
@@ -183,7 +183,7 @@ void work_for(Messages& messages, const Study& study, const StudyOptions& option
     if (options.stop != nullptr && options.stop->load()) return messages.send(0, "stopped");
     const std::optional<Message> message = messages.receive(0.2);
     if (!message) continue;
-    const Cells cells = cells_of(message->text);
+    const Cells cells = csv_cells(message->text);
     if (cells.at(0) == "over") return;
     const size_t setting = std::stoul(cells.at(1));
     std::optional<StudyResult> result;
@@ -201,7 +201,7 @@ void work_for(Messages& messages, const Study& study, const StudyOptions& option
       answer.insert(answer.end(), result->cells.begin(), result->cells.end());
     else
       answer.push_back(why);
-    messages.send(0, line_of(answer));
+    messages.send(0, csv_line(answer));
   }
 }
 

@@ -486,7 +486,7 @@ std::string ensemble_csv(const std::vector<std::optional<EnsembleMember>>& membe
     cells.push_back(made ? exact(std::exp(member.log_weight - largest)) : "0");
     cells.push_back(made ? exact(member.chi_squared) : "");
     for (size_t j = 0; j < fit.parameters.size(); ++j) cells.push_back(made ? exact(member.values[j]) : "");
-    csv += line_of(cells) + "\n";
+    csv += csv_line(cells) + "\n";
   }
   return csv;
 }

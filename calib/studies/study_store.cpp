@@ -24,7 +24,7 @@ constexpr const char* fingerprint_column = "fingerprint";
 
 }  // namespace
 
-std::string line_of(const Cells& cells) {
+std::string csv_line(const Cells& cells) {
   std::string line;
   for (size_t k = 0; k < cells.size(); ++k) {
     if (k > 0) line += ',';
@@ -57,7 +57,7 @@ std::optional<std::string> unsealed(const std::string& text) {
 
 }  // namespace
 
-Cells cells_of(const std::string& line) {
+Cells csv_cells(const std::string& line) {
   Cells cells(1);
   bool quoted = false;
   for (size_t i = 0; i < line.size(); ++i) {
@@ -127,13 +127,13 @@ bool StudyStore::read(const std::string& path) {
 }
 
 std::string StudyStore::header_line(bool checked) const {
-  return line_of(columns_) + (checked ? fmt::format(",{}", check_column) : "");
+  return csv_line(columns_) + (checked ? fmt::format(",{}", check_column) : "");
 }
 
 void StudyStore::remember(const std::string& text, bool checked) {
   const std::optional<std::string> line = checked ? unsealed(text) : text;
   if (!line) return;
-  Cells cells = cells_of(*line);
+  Cells cells = csv_cells(*line);
   const auto place = std::ranges::find(columns_, fingerprint_column) - columns_.begin();
   if (cells.size() != columns_.size() || cells[static_cast<size_t>(place)] != fingerprint_) return;
   cells.erase(cells.begin() + place);
@@ -150,7 +150,7 @@ void StudyStore::add(const Cells& key, const Cells& result) {
   Cells cells = key;
   cells.insert(cells.end(), result.begin(), result.end());
   cells.insert(cells.begin() + (std::ranges::find(columns_, fingerprint_column) - columns_.begin()), fingerprint_);
-  append_line(path_, header_line(checked_), checked_ ? sealed(line_of(cells)) : line_of(cells));
+  append_line(path_, header_line(checked_), checked_ ? sealed(csv_line(cells)) : csv_line(cells));
   results_[key] = result;
 }
 

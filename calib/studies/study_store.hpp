@@ -14,9 +14,9 @@ namespace taut {
 
 using Cells = std::vector<std::string>;  ///< a line of a table
 /// It as CSV, without its end; cells may hold commas and quotes, and ends of lines become spaces.
-std::string line_of(const Cells& cells);
-/// What line_of() was given; empty: a quotation that does not end.
-Cells cells_of(const std::string& line);
+std::string csv_line(const Cells& cells);
+/// What csv_line() was given; empty: a quotation that does not end.
+Cells csv_cells(const std::string& line);
 
 /// Stands for the contents of the files that a result is made from. Throws InputError for one that cannot be read.
 std::string fingerprint_of(const std::vector<std::string>& files);

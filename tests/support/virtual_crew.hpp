@@ -15,10 +15,10 @@ class VirtualCrew final : public Messages {
   int size() const override { return workers_ + 1; }
   double silence() const override { return 1e9; }
   void send(int to, const std::string& text) override {
-    const Cells cells = cells_of(text);
+    const Cells cells = csv_cells(text);
     if (cells[0] != "run") return;
     ++begun;
-    arrive(now + 1, to, line_of({"done", cells[1], "x"}));
+    arrive(now + 1, to, csv_line({"done", cells[1], "x"}));
   }
   std::optional<Message> receive(double) override {
     if (events_.empty()) return std::nullopt;
