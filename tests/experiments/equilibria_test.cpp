@@ -26,7 +26,7 @@ TEST(TwoEquilibria, AreNamedByFitInItsRecordTableAndReportAndByPredict) {
   expect_named(fit.out, {"line 4, push = 16 mN: two equilibria, drop ", "line 6, push = 23.9 mN",
                          "the readings decide for the first, in which they are predicted", "near a fold: at 1.0"});
   expect_named(fit.err, {"1 row(s)", "chi squared falls from"});
-  expect_named(text_of(folder / "run/predictions.csv"), {",equilibria\n", ",the other of two\n", ",near a fold\n"});
+  expect_named(text_of(folder / "run/predictions.csv"), {",equilibria,", ",the other of two,", ",near a fold,"});
   expect_named(text_of(folder / "run/report.html"), {"Of several equilibria: line 4", "(the other of two)"});
   const auto record = nlohmann::json::parse(text_of(folder / "run/fit.json"));
   EXPECT_EQ(record.at("equilibria").at(0).at("lines"), nlohmann::json({4}));
@@ -39,7 +39,7 @@ TEST(TwoEquilibria, AreNamedByFitInItsRecordTableAndReportAndByPredict) {
   EXPECT_EQ(far.out.find("equilibria"), std::string::npos) << "the loads stay below the snap";
   folder.write("new.csv", "push_mN\n8\n23.5\n");
   const Outcome near = done_in(folder / "", {"predict", "run", "--rows", "new.csv"});
-  expect_named(near.out, {",equilibria\n", ",near a fold\n"});
+  expect_named(near.out, {",equilibria,", ",near a fold,"});
   expect_named(near.err, {"warning: line 3, push = 23.5 mN: two equilibria", "near a fold"});
 }
 
