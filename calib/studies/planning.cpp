@@ -8,8 +8,8 @@
 #include <set>
 
 #include "calib/fit/goodness_of_fit.hpp"
-#include "sim/core/draws.hpp"
 #include "sim/core/dense.hpp"
+#include "sim/core/draws.hpp"
 #include "sim/core/error.hpp"
 #include "sim/core/numbers.hpp"
 
