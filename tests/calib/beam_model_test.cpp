@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "calib/files/experiment.hpp"
+#include "calib/models/beam_chain.hpp"
 #include "sim/shapes/grid.hpp"
 #include "tests/support/message.hpp"
 #include "tests/support/push_puppet.hpp"
@@ -248,6 +249,38 @@ TEST(BeamModel, ThePredictionOfABenchTakesTwelveUnknownsAndTenFactorisationsARow
   EXPECT_EQ(bench.protocol->unknowns(), 12);
   EXPECT_LE(bench.protocol->factorisations(), 160);
   EXPECT_GE(bench.protocol->factorisations(), 32);
+}
+
+TEST(BeamModel, ATautCableStoresHalfItsStiffnessTimesItsElongationSquared) {
+  BeamProtocol::Chain chain;  // one body on an elastic base, pulled by a cable from a fixed point and by a force
+  chain.bodies = 1;
+  chain.base = 500;
+  chain.centres = {Eigen::Vector2d(0.03, 0)};
+  for (const char* id : {"k_cable", "slack", "k_base", "retraction", "force"})
+    chain.table.declare({id, id, "1", -1e9, 1e9, "number"});
+  chain.k_cable = 0, chain.slack = 1, chain.k_base = 2;
+  chain.cables.push_back(
+      {{{BodyPoint{-1, Eigen::Vector2d(0, 0)}, BodyPoint{0, Eigen::Vector2d(0.03, 0.01)}}}, 3, 1e-9});
+  chain.loads.push_back({BodyPoint{0, Eigen::Vector2d(0.04, 0)}, Eigen::Vector2d(0, -1), {4}, 1});
+  Params p(5);
+  p << 2000, 0.2e-3, 0.3, 1.5e-3, 0.7;
+  const Eigen::Vector3d x(1e-3, -2e-3, 0.05);
+  const auto turned = [&](double X, double Y) {  // where a point of the body is
+    return Eigen::Vector2d(0.03 + x[0] + std::cos(x[2]) * (X - 0.03) - std::sin(x[2]) * Y,
+                           x[1] + std::sin(x[2]) * (X - 0.03) + std::cos(x[2]) * Y);
+  };
+  const double e = turned(0.03, 0.01).norm() - std::hypot(0.03, 0.01) + 1.5e-3 - 0.2e-3;
+  ASSERT_GT(e, 1e-3);
+  const double stored =
+      0.5 * 2000 * e * e + 0.5 * 500 * x.head<2>().squaredNorm() + 0.5 * 0.3 * x[2] * x[2] + 0.7 * turned(0.04, 0).y();
+  EXPECT_NEAR(chain.energy(x, p), stored, 1e-8 * std::abs(stored));
+  const ChainEnergy assembled = chain.assemble(x, p, {});
+  EXPECT_NEAR(assembled.energy, stored, 1e-8 * std::abs(stored));
+  for (int i = 0; i < 3; ++i) {
+    const Eigen::Vector3d step = 1e-6 * Eigen::Vector3d::Unit(i);
+    const double slope = (chain.energy(x + step, p) - chain.energy(x - step, p)) / 2e-6;
+    EXPECT_NEAR(assembled.gradient[i], slope, 1e-5 * assembled.gradient.norm()) << i;
+  }
 }
 
 TEST(BeamModel, ParametersStartsAndBoundsAreThoseOfTheFullModel) {
