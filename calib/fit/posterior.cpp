@@ -149,19 +149,19 @@ PosteriorDraw PosteriorSampler::draw(unsigned number, unsigned seed) {
   return result;
 }
 
-double Weighted::mean() const {
+double WeightedValues::mean() const {
   return std::inner_product(values.begin(), values.end(), weights.begin(), 0.0) /
          std::accumulate(weights.begin(), weights.end(), 0.0);
 }
 
-double Weighted::deviation() const {
+double WeightedValues::deviation() const {
   const double centre = mean();
   double sum = 0;
   for (size_t i = 0; i < values.size(); ++i) sum += weights[i] * (values[i] - centre) * (values[i] - centre);
   return std::sqrt(sum / std::accumulate(weights.begin(), weights.end(), 0.0));
 }
 
-double Weighted::quantile(double p) const {
+double WeightedValues::quantile(double p) const {
   std::vector<size_t> order(values.size());
   std::iota(order.begin(), order.end(), size_t{0});
   std::ranges::sort(order, {}, [&](size_t i) { return values[i]; });

@@ -63,11 +63,11 @@ class PosteriorSampler {
   double chi_squared_ = 0;
 };
 
-/// Weighted values: what an expectation, a quantile or an effective number of them is.
-struct Weighted {
+/// WeightedValues values: what an expectation, a quantile or an effective number of them is.
+struct WeightedValues {
   std::vector<double> values, weights;  ///< weights >= 0, of any sum
 
-  double mean() const;
+  double mean() const;       ///< sum w x / sum w
   double deviation() const;  ///< root of the weighted mean squared distance from the mean
   /// The value below which a fraction `p` of the weight lies: between the middles of the values' own weights linearly,
   /// beyond the first and last one their values.

@@ -221,7 +221,7 @@ double fitted(const ParameterSpec& spec, double value) {
   return spec.logarithmic ? std::log(value) : value;
 }
 
-std::string verdict_on(const Weighted& drawn, const ParameterEstimate& estimate, double effective,
+std::string verdict_on(const WeightedValues& drawn, const ParameterEstimate& estimate, double effective,
                        EnsembleMarginal& marginal) {
   const double value = fitted(estimate.spec, estimate.value),
                se = estimate.standard_error / (estimate.spec.logarithmic ? estimate.value : 1);
@@ -244,7 +244,7 @@ std::string verdict_on(const Weighted& drawn, const ParameterEstimate& estimate,
 
 /// Ends that lie where the prior ends rather than where readings do: a thousandth of the weight within the last
 /// hundredth of the range between the bounds.
-std::string prior_ends(const Weighted& drawn, const ParameterEstimate& estimate) {
+std::string prior_ends(const WeightedValues& drawn, const ParameterEstimate& estimate) {
   const double low = fitted(estimate.spec, estimate.lower), high = fitted(estimate.spec, estimate.upper);
   if (!std::isfinite(low) || !std::isfinite(high)) return "";
   const double strip = 0.01 * (high - low), all = std::accumulate(drawn.weights.begin(), drawn.weights.end(), 0.0);
@@ -263,8 +263,8 @@ std::string prior_ends(const Weighted& drawn, const ParameterEstimate& estimate)
 }
 
 /// Of two quantities of the same members.
-double correlation_of(const Weighted& a, const Weighted& b) {
-  Weighted product{{}, a.weights};
+double correlation_of(const WeightedValues& a, const WeightedValues& b) {
+  WeightedValues product{{}, a.weights};
   const double centre_a = a.mean(), centre_b = b.mean();
   for (size_t i = 0; i < a.values.size(); ++i)
     product.values.push_back((a.values[i] - centre_a) * (b.values[i] - centre_b));
@@ -274,10 +274,10 @@ double correlation_of(const Weighted& a, const Weighted& b) {
 /// Where an ensemble's distribution has its ends, of each parameter.
 void describe_parameters(const std::vector<const EnsembleMember*>& made, const std::vector<double>& weights,
                          const FitResult& fit, const std::vector<Share>& shares, EnsembleRecord& record) {
-  std::vector<Weighted> scaled;
+  std::vector<WeightedValues> scaled;
   for (size_t j = 0; j < fit.parameters.size(); ++j) {
     const ParameterEstimate& estimate = fit.parameters[j];
-    Weighted drawn{{}, weights}, q{{}, weights};
+    WeightedValues drawn{{}, weights}, q{{}, weights};
     for (const EnsembleMember* member : made) {
       drawn.values.push_back(member->values[j]);
       q.values.push_back(fitted(estimate.spec, member->values[j]));
@@ -314,7 +314,7 @@ void find_bands(const std::vector<const EnsembleMember*>& made, const std::vecto
                 EnsembleRecord& record) {
   std::vector<std::array<double, 2>> rows;
   for (size_t row = 0; row < made.front()->predicted.size(); ++row) {
-    Weighted of_row{{}, weights};
+    WeightedValues of_row{{}, weights};
     for (const EnsembleMember* member : made) of_row.values.push_back(member->predicted[row]);
     rows.push_back({of_row.quantile(0.025), of_row.quantile(0.975)});
   }
@@ -382,6 +382,11 @@ std::string summary_of(const EnsembleRecord& record, EnsembleKind kind, const Fi
       bad += (bad.empty() ? "" : "; ") + fmt::format("{}: {}", one.id, one.verdict);
   }
   std::string text = "The parabola's 95 % interval";
+  if (misses_readings(fit))
+    text =
+        "THE MODEL MISSES THE READINGS by far more than their declared noise, which is all that the members count: how "
+        "far "
+        "the parameters are from the truth is not known. Of that noise alone the parabola's 95 % interval";
   if (!good.empty()) text += fmt::format(" is good for {}", good);
   if (!bad.empty()) text += fmt::format("{} {}", good.empty() ? ":" : ";", bad);
   return text + ".";

@@ -102,6 +102,7 @@ struct Study {
 struct Shard {
   size_t index = 0, count = 1;
 
+  /// Whether it runs this one.
   bool has(size_t setting) const { return setting % count == index; }
 };
 

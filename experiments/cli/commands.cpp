@@ -4,6 +4,7 @@
 
 #include <boost/program_options.hpp>
 #include <filesystem>
+#include <limits>
 
 #include "experiments/cli/version.hpp"
 #include "reports/simulation_run.hpp"
@@ -68,6 +69,12 @@ void add_assignments(AddOption add, std::map<std::string, std::string>& values, 
     }
   };
   add(name, po::value<std::vector<std::string>>()->value_name("ID=VALUE")->composing()->notifier(keep), what);
+}
+
+unsigned seed_of(const CommandOptions& options) {
+  if (options.seed < 0 || options.seed > std::numeric_limits<unsigned>::max())
+    throw InputError("--seed: a whole number from 0 to 4294967295 belongs here");
+  return static_cast<unsigned>(options.seed);
 }
 
 void add_threads(AddOption add, CommandOptions& options) {

@@ -52,7 +52,7 @@ struct CommandOptions {
   double minutes = 0;                      ///< plan: bench time; 0: not said
   std::string setup = "5 min", rest = "1 min", reading = "1 min";  ///< plan: costs
   int draws = 8;                                                   ///< plan: of the parameters
-  unsigned seed = 1;                                               ///< plan, ensemble: of the draws
+  long long seed = 1;                                              ///< plan, ensemble: of the draws
   int members = 0;                                                 ///< ensemble: how many; 0: not said
   int posterior = 0;                                               ///< fit: draws of the posterior; 0: none
   std::string shard;                                               ///< ensemble, chart: "I/N"; "": all
@@ -107,6 +107,8 @@ void add_out(AddOption add, CommandOptions& options,
              const char* what = "run folder; default: runs/<name of the experiment's folder>");
 /// --NAME ID=VALUE, as often as one likes.
 void add_assignments(AddOption add, std::map<std::string, std::string>& values, const char* name, const char* what);
+/// What --seed says. Throws InputError for a number that none can be.
+unsigned seed_of(const CommandOptions& options);
 /// --threads, of commands that solve several states at the same time.
 void add_threads(AddOption add, CommandOptions& options);
 

@@ -26,7 +26,8 @@ EnsembleTask task_of(const CommandOptions& options) {
   for (const EnsembleKind kind : kinds) {
     names.emplace_back(name_of(kind));
     if (options.name != names.back()) continue;
-    return {kind, members_asked(options.members, "--members", kind == EnsembleKind::starts ? 50 : 500), options.seed};
+    return {kind, members_asked(options.members, "--members", kind == EnsembleKind::starts ? 50 : 500),
+            seed_of(options)};
   }
   throw InputError(fmt::format("taut ensemble: '{}' is no ensemble{}; ensembles: {}", options.name,
                                did_you_mean(options.name, names), join(names)));

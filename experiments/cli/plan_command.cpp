@@ -301,7 +301,7 @@ class Planner {
     question_.rows = candidates_of(options, bench_, report_.notes);
     question_.channels = channels_of(options, bench_);
     question_.draws = options.draws;
-    question_.seed = options.seed;
+    question_.seed = seed_of(options);
     for (const int channel : question_.channels)
       report_.channels.push_back(bench_.channels()[static_cast<size_t>(channel)].id);
     report_.task.costs = costs_of(options);

@@ -59,7 +59,7 @@ TEST_F(Ensemble, ThePosteriorOfAComplianceIsItsDensity) {
     values.push_back(std::exp(q));
     weights.push_back(std::exp(-chi_squared / 2));
   }
-  const Weighted exact{values, weights};
+  const WeightedValues exact{values, weights};
   const auto share_below = [&](double value) {
     double below = 0, all = 0;
     for (size_t i = 0; i < values.size(); ++i) {

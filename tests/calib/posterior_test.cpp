@@ -27,8 +27,8 @@ std::vector<PosteriorDraw> sampled(ClosedFormProtocol& protocol, const std::vect
   return draws;
 }
 
-Weighted of_parameter(const std::vector<PosteriorDraw>& draws, size_t j) {
-  Weighted weighted;
+WeightedValues of_parameter(const std::vector<PosteriorDraw>& draws, size_t j) {
+  WeightedValues weighted;
   std::vector<double> logs;
   for (const PosteriorDraw& draw : draws) {
     if (draw.values.empty()) continue;
@@ -40,8 +40,8 @@ Weighted of_parameter(const std::vector<PosteriorDraw>& draws, size_t j) {
 }
 
 /// Density exp(-chi^2/2) of one parameter by the trapezoidal rule on `q`, evenly spaced.
-Weighted by_quadrature(const std::vector<double>& values, const std::function<double(double)>& half_chi_squared) {
-  Weighted exact{values, {}};
+WeightedValues by_quadrature(const std::vector<double>& values, const std::function<double(double)>& half_chi_squared) {
+  WeightedValues exact{values, {}};
   for (double value : values) exact.weights.push_back(std::exp(-half_chi_squared(value)));
   return exact;
 }
@@ -53,7 +53,7 @@ std::vector<double> evenly(double from, double to, int count) {
 }
 
 /// The means, deviations and ends of two samples agree within four Monte-Carlo errors.
-void expect_alike(const Weighted& drawn, const Weighted& exact, const std::string& what) {
+void expect_alike(const WeightedValues& drawn, const WeightedValues& exact, const std::string& what) {
   const double n = effective_number(drawn.weights), sd = exact.deviation();
   EXPECT_NEAR(drawn.mean(), exact.mean(), 4 * sd / std::sqrt(n)) << what;
   EXPECT_NEAR(drawn.deviation(), sd, 4 * sd / std::sqrt(n)) << what;
@@ -78,7 +78,7 @@ TEST(Posterior, OfALinearModelIsTheNormalOneWithEqualWeights) {
   // C = sigma^2 (X^T X)^-1 of a straight line.
   const double xx = (x.array() - x.mean()).square().sum(), sd_b = 0.1 / std::sqrt(xx),
                sd_a = 0.1 * std::sqrt(1.0 / 9 + x.mean() * x.mean() / xx);
-  const Weighted a = of_parameter(draws, 0), b = of_parameter(draws, 1);
+  const WeightedValues a = of_parameter(draws, 0), b = of_parameter(draws, 1);
   for (double weight : a.weights) EXPECT_NEAR(weight, 1, 1e-9);
   EXPECT_NEAR(effective_number(a.weights), 2000, 1e-6);
   EXPECT_NEAR(a.mean(), 0.3, 4 * sd_a / std::sqrt(2000));
@@ -97,7 +97,7 @@ TEST(Posterior, OfACurvedModelFollowsItsDensity) {
       [](const Params& p) { return Eigen::MatrixXd::Constant(1, 1, std::exp(p[0])); });
   const auto draws = sampled(curved, {{0, 1.0, 0.5, 0}}, {{0, 0.2, -4, 3}}, 4000);
   const auto exact = by_quadrature(evenly(-4, 3, 20001), [](double t) { return 2 * std::pow(std::exp(t) - 1, 2); });
-  const Weighted drawn = of_parameter(draws, 0);
+  const WeightedValues drawn = of_parameter(draws, 0);
   EXPECT_GT(effective_number(drawn.weights), 400);
   expect_alike(drawn, exact, "t");
 }
@@ -110,7 +110,7 @@ TEST(Posterior, WhereReadingsBoundAParameterFromOneSideOnlyItFillsTheRest) {
   const auto draws = sampled(spring, {{0, 1e-4, 1e-3, 0}}, {{0, 2e3, 10, 1e7}}, 4000);
   const auto exact = by_quadrature(evenly(std::log(10), std::log(1e7), 20001),
                                    [](double q) { return 0.5 * std::pow((std::exp(-q) - 1e-4) / 1e-3, 2); });
-  Weighted drawn = of_parameter(draws, 0);
+  WeightedValues drawn = of_parameter(draws, 0);
   for (double& value : drawn.values) value = std::log(value);
   EXPECT_GT(effective_number(drawn.weights), 400);
   expect_alike(drawn, exact, "ln E");
@@ -144,7 +144,7 @@ TEST(Posterior, OfACertifiedSetFollowsItsDensity) {
   const std::vector<FreeParameter> free{{0, 250, 100, 1000}, {1, 5e-4, 1e-4, 2e-3}};
   const auto draws = sampled(protocol, measurements, free, 3000);
   std::vector<double> b1 = evenly(100, 1000, 901), b2 = evenly(1e-4, 2e-3, 951);
-  Weighted of_b1{b1, std::vector<double>(b1.size())}, of_b2{b2, std::vector<double>(b2.size())};
+  WeightedValues of_b1{b1, std::vector<double>(b1.size())}, of_b2{b2, std::vector<double>(b2.size())};
   for (size_t i = 0; i < b1.size(); ++i) {
     for (size_t j = 0; j < b2.size(); ++j) {
       double chi_squared = 0;
@@ -158,6 +158,41 @@ TEST(Posterior, OfACertifiedSetFollowsItsDensity) {
   EXPECT_GT(effective_number(of_parameter(draws, 0).weights), 300);
   expect_alike(of_parameter(draws, 0), of_b1, "b1");
   expect_alike(of_parameter(draws, 1), of_b2, "b2");
+}
+
+/// Two springs in series, of which the readings hardly see the stiff one: a curved density with a plateau up to the
+/// bound, against the density on a grid.
+TEST(Posterior, OfASoftAndAHardlySeenStiffSpringFollowsItsDensity) {
+  const Eigen::VectorXd x = Eigen::VectorXd::LinSpaced(6, 0.5, 3);
+  const auto values = [x](const Params& p) -> Eigen::VectorXd { return x.array() / p[0] + 1 / p[1]; };
+  ClosedFormProtocol springs({{modulus("soft"), 100.0}, {modulus("stiff"), 2000.0}}, values, [x](const Params& p) {
+    Eigen::MatrixXd D(x.size(), 2);
+    D.col(0) = -x / (p[0] * p[0]);
+    D.col(1).setConstant(-1 / (p[1] * p[1]));
+    return D;
+  });
+  Eigen::VectorXd y = values(springs.nominal());
+  y.array() += 1e-4 * (x.array() * 7).sin();  // some noise
+  const double sigma = 4e-4;
+  const std::vector<Measurement> measurements = measured(y, sigma);
+  const auto draws = sampled(springs, measurements, {{0, 120, 10, 1000}, {1, 1000, 50, 1e6}}, 4000);
+  const std::vector<double> soft = evenly(std::log(80), std::log(130), 401),
+                            stiff = evenly(std::log(50), std::log(1e6), 2001);
+  WeightedValues of_soft{soft, std::vector<double>(soft.size())}, of_stiff{stiff, std::vector<double>(stiff.size())};
+  for (size_t i = 0; i < soft.size(); ++i) {
+    for (size_t j = 0; j < stiff.size(); ++j) {
+      const Eigen::VectorXd at = values(Eigen::Vector2d(std::exp(soft[i]), std::exp(stiff[j])));
+      const double density = std::exp(-(at - y).squaredNorm() / (2 * sigma * sigma));
+      of_soft.weights[i] += density;
+      of_stiff.weights[j] += density;
+    }
+  }
+  for (size_t j = 0; j < 2; ++j) {
+    WeightedValues drawn = of_parameter(draws, j);
+    for (double& value : drawn.values) value = std::log(value);
+    EXPECT_GT(effective_number(drawn.weights), 400);
+    expect_alike(drawn, j == 0 ? of_soft : of_stiff, j == 0 ? "soft" : "stiff");
+  }
 }
 
 TEST(Posterior, ADrawIsTheSameWhoeverMakesIt) {
@@ -203,8 +238,8 @@ TEST(Posterior, WhereTheSimulationFailsThereIsNoDraw) {
 }
 
 TEST(Posterior, WeightedQuantilesAreThoseOfRepeatedValues) {
-  const Weighted weighted{{3, 1, 2}, {1, 2, 1}};
-  const Weighted repeated{{1, 1, 2, 3}, {1, 1, 1, 1}};
+  const WeightedValues weighted{{3, 1, 2}, {1, 2, 1}};
+  const WeightedValues repeated{{1, 1, 2, 3}, {1, 1, 1, 1}};
   EXPECT_DOUBLE_EQ(weighted.mean(), 7.0 / 4);
   EXPECT_DOUBLE_EQ(weighted.deviation(), repeated.deviation());
   EXPECT_DOUBLE_EQ(weighted.quantile(0.625), 2);

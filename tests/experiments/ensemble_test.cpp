@@ -98,6 +98,8 @@ TEST_F(EnsembleCommand, WrongUseIsOneSentence) {
       {{"ensemble", "posterier", "run"}, "did you mean 'posterior'"},
       {{"ensemble", "posterior", "nowhere"}, "no such folder"},
       {{"ensemble", "posterior", "run", "--members", "-3"}, "--members"},
+      {{"ensemble", "posterior", "run", "--seed", "-1"}, "--seed"},
+      {{"ensemble", "posterior", "experiment.toml"}, "is not a folder"},
       {{"ensemble", "posterior", "run", "--shard", "0/4"}, "write I/N"},
       {{"ensemble", "posterior", "run", "--shard", "2of4"}, "write I/N"},
       {{"fit", "experiment.toml", "--posterior", "-1", "--out", "other"}, "--posterior"}};
