@@ -14,6 +14,12 @@ namespace taut {
 namespace {
 
 constexpr unsigned sbc_count = 200, sbc_draws = 100;
+constexpr int enough_ranks = 50;  ///< fewer would not show a width that is off by half
+
+const char* verdict_of(const SbcVerdict& verdict) {
+  if (verdict.p < 0.01) return "the posterior is NOT the right one";
+  return verdict.count < enough_ranks ? "too few to tell" : "as the right posterior's would be";
+}
 
 }  // namespace
 
@@ -52,8 +58,7 @@ int chart_sbc(const CommandOptions& options) {
                results.size() - missing, failed, sbc_draws, effective);
     for (const SbcVerdict& one : verdicts)
       fmt::print("{}: {} ranks, largest distance from uniform {:.3f}, p = {:.2g}: {}\n", one.id, one.count,
-                 one.distance, one.p,
-                 one.p < 0.01 ? "the posterior is NOT the right one" : "as the right posterior's would be");
+                 one.distance, one.p, verdict_of(one));
   }
   return close_chart(options, missing, results.size(), progress);
 }
