@@ -90,7 +90,7 @@ TEST_F(Crew, EverySettingIsRunOnceTheDearestFirstAndEachWritesItsOwnFile) {
 
 TEST_F(Crew, WhatADeadProcessHadBegunIsRunElsewhere) {
   std::atomic<int> deaths = 0;
-  const std::vector<Cells> taken = run(3, 0.4, [&](ThreadedMessages& end, size_t i) {
+  const std::vector<Cells> taken = run(3, 2, [&](ThreadedMessages& end, size_t i) {
     if (i == 30 && end.rank() != 0 && deaths++ == 0) end.dead = true;  // it works on, and nobody hears of it
   });
   EXPECT_EQ(taken, squares());
@@ -115,7 +115,7 @@ TEST_F(Crew, WithNobodyLeftItSaysHowFarItCame) {
     if (i == 20) end.dead = true;
   };
   try {
-    run(1, 0.3, die_late);
+    run(1, 1.5, die_late);
     FAIL() << "it went on without anybody";
   } catch (const InputError& error) {
     EXPECT_NE(std::string(error.what()).find("all 1 processes that were to work are gone; 19 of 40"), std::string::npos)
