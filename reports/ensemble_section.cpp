@@ -46,20 +46,18 @@ std::string marginals_table(const RunRecord& record, const EnsembleRecord& ensem
   for (size_t j = 0; j < ensemble.parameters.size(); ++j) {
     const EnsembleMarginal& one = ensemble.parameters[j];
     ParameterEstimate shown_as = record.fit.parameters[j];
-    const std::string parabola = Shown(shown_as).interval(shown_as);
     shown_as.lower95 = one.lower95;
     shown_as.upper95 = one.upper95;
     shown_as.total_lower95 = one.total_lower95;
     shown_as.total_upper95 = one.total_upper95;
     const Shown shown(shown_as);
-    rows.push_back({one.id, shown.with_unit(one.median), shown.interval(shown_as), parabola,
-                    one.total_lower95 ? shown.total(shown_as) : "",
-                    std::isfinite(one.width) ? fmt::format("{:.2f} ± {:.2f}", one.width, one.width_error) : "none",
-                    one.verdict});
+    rows.push_back(
+        {one.id, shown.with_unit(one.median), shown.interval(shown_as), one.total_lower95 ? shown.total(shown_as) : "",
+         std::isfinite(one.width) ? fmt::format("{:.2f} ± {:.2f}", one.width, one.width_error) : "none", one.verdict});
   }
-  return table({"Parameter", "#Median", "#95 % interval", "#The fit's own (noise)", "#With all shares",
-                "#Width over the parabola's", "The parabola is"},
-               rows);
+  return table(
+      {"Parameter", "#Median", "#95 % interval", "#With all shares", "#Width over the parabola's", "The parabola is"},
+      rows);
 }
 
 std::string minima_table(const RunRecord& record, const EnsembleRecord& ensemble) {
