@@ -22,25 +22,27 @@ constexpr double from_bound = 1e-3;  ///< of the range: where the search for the
 PosteriorSampler::PosteriorSampler(Protocol& protocol, const std::vector<Measurement>& measurements,
                                    const std::vector<FreeParameter>& free, const FitOptions& options)
     : protocol_(protocol), evaluator_(protocol, measurements, free, options) {
-  Eigen::VectorXd u(evaluator_.count());
+  Eigen::VectorXd u(evaluator_.count()), optimum(evaluator_.count());
   for (Eigen::Index j = 0; j < u.size(); ++j) {
     const Scale& scale = evaluator_.scale(j);
-    const double q = scale.inside(free[static_cast<size_t>(j)].start);
+    const double q = optimum[j] = scale.inside(free[static_cast<size_t>(j)].start);
     if (bounded(j)) {
       with_prior_.push_back(j);
       const double place = (q - scale.lower) / (scale.upper - scale.lower);
       u[j] = normal_quantile(std::clamp(place, from_bound, 1 - from_bound));
-      if (place > from_bound && place < 1 - from_bound) u[j] = normal_quantile(place);
     } else {
       u[j] = q;
     }
   }
   protocol_.forget();
-  centre_ = at(u);
+  // Where a parameter is at its bound the centre cannot be the optimum itself.
+  if (evaluator_.evaluate(optimum)) {
+    chi_squared_ = evaluator_.chi_squared();
+    centre_ = at(u);
+  }
   if (!centre_.ok)
     throw InputError("the simulation fails at the fitted parameters: " +
                      (evaluator_.failures.empty() ? std::string("no reason is known") : evaluator_.failures.front()));
-  chi_squared_ = evaluator_.chi_squared();
   find_centre();
   basis_ = singular_values(centre_.jacobian).U;
   state_ = protocol_.state();

@@ -38,8 +38,7 @@ class PosteriorSampler {
 
   /// The draw with this number; `seed` makes another sequence. An interrupted one has the failure "interrupted".
   PosteriorDraw draw(unsigned number, unsigned seed);
-  double chi_squared() const { return chi_squared_; }         ///< at the start that it was given
-  int evaluations() const { return evaluator_.evaluations; }  ///< of the protocol, so far
+  double chi_squared() const { return chi_squared_; }  ///< at the start that it was given
 
  private:
   /// F and its Jacobian somewhere.
@@ -63,7 +62,7 @@ class PosteriorSampler {
   double chi_squared_ = 0;
 };
 
-/// WeightedValues values: what an expectation, a quantile or an effective number of them is.
+/// Values with weights: what an expectation, a quantile or an effective number of them is.
 struct WeightedValues {
   std::vector<double> values, weights;  ///< weights >= 0, of any sum
 

@@ -195,6 +195,20 @@ TEST(Posterior, OfASoftAndAHardlySeenStiffSpringFollowsItsDensity) {
   }
 }
 
+/// Readings that would move a modulus beyond its bound: what is left of its density piles up there.
+TEST(Posterior, OfAParameterAtItsBoundIsItsDensityUpToThere) {
+  ClosedFormProtocol spring(
+      {{modulus("E"), 1000.0}}, [](const Params& p) { return Eigen::VectorXd::Constant(1, 1 / p[0]); },
+      [](const Params& p) { return Eigen::MatrixXd::Constant(1, 1, -1 / (p[0] * p[0])); });
+  const auto draws = sampled(spring, {{0, 1e-3, 2e-4, 0}}, {{0, 500, 10, 800}}, 4000);
+  const auto exact = by_quadrature(evenly(std::log(10), std::log(800), 20001),
+                                   [](double q) { return 0.5 * std::pow((std::exp(-q) - 1e-3) / 2e-4, 2); });
+  WeightedValues drawn = of_parameter(draws, 0);
+  for (double& value : drawn.values) value = std::log(value);
+  EXPECT_GT(effective_number(drawn.weights), 400);
+  expect_alike(drawn, exact, "ln E");
+}
+
 TEST(Posterior, ADrawIsTheSameWhoeverMakesIt) {
   const auto protocol_and_draw = [](std::vector<unsigned> numbers) {
     ClosedFormProtocol spring = stiffening_spring();
