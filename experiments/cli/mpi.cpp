@@ -7,6 +7,7 @@
 #ifdef TAUT_MPI
 #include <mpi.h>
 
+#include <algorithm>
 #include <chrono>
 #include <list>
 #include <memory>

@@ -8,7 +8,7 @@ namespace taut {
 Messages* mpi_messages();
 
 /// Says to the others that it is over, and leaves them. To be called once before the process ends, with its exit code;
-/// returns that code. Where others have died it does not come back, as MPI would wait for them.
+/// returns that code.
 int leave_mpi(int code);
 
 }  // namespace taut
