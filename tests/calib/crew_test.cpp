@@ -3,11 +3,14 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <array>
 #include <filesystem>
 #include <functional>
+#include <latch>
 #include <limits>
 #include <mutex>
 #include <thread>
+#include <utility>
 
 #include "sim/core/error.hpp"
 #include "tests/support/experiment_files.hpp"
@@ -75,7 +78,12 @@ class Crew : public testing::Test {
 };
 
 TEST_F(Crew, EverySettingIsRunOnceTheDearestFirstAndEachWritesItsOwnFile) {
-  EXPECT_EQ(run(3, 60, [](auto&, size_t) { std::this_thread::sleep_for(std::chrono::milliseconds(2)); }), squares());
+  std::latch all_at_work(3);  // so that the first three to run are the first three handed out
+  std::array<bool, 4> at_work = {};
+  const auto wait = [&](const ThreadedMessages& end, size_t) {
+    if (!std::exchange(at_work.at(static_cast<size_t>(end.rank())), true)) all_at_work.arrive_and_wait();
+  };
+  EXPECT_EQ(run(3, 60, wait), squares());
   EXPECT_EQ(order_.size(), count);
   for (size_t k = 0; k < 3; ++k) EXPECT_GE(order_[k], count - 3) << "cost grows with the number";
   EXPECT_FALSE(std::filesystem::exists(folder_ / "squares.csv"));
@@ -115,7 +123,7 @@ TEST_F(Crew, WithNobodyLeftItSaysHowFarItCame) {
     if (i == 20) end.dead = true;
   };
   try {
-    run(1, 1.5, die_late);
+    run(1, 4, die_late);
     FAIL() << "it went on without anybody";
   } catch (const InputError& error) {
     EXPECT_NE(std::string(error.what()).find("all 1 processes that were to work are gone; 19 of 40"), std::string::npos)
