@@ -298,8 +298,9 @@ std::string chain_table_json(const std::vector<ModuleChain>& chains, const Chain
     for (const Eigen::Vector2d& hinge : chain.chain.hinges)
       state["hinges_m"].push_back(in_space(chain.frame.point(hinge)));
     for (const ChainSegment& segment : chain.segments)
-      state["segments"].push_back(
-          {{"mass_kg", segment.mass}, {"centre_m", in_space(chain.frame.point(segment.centre))}});
+      state["segments"].push_back({{"mass_kg", segment.mass},
+                                   {"centre_m", in_space(chain.frame.point(segment.centre))},
+                                   {"inertia_kg_m2", {segment.inertia.x(), segment.inertia.y(), segment.inertia.z()}}});
     state["load_at"] = place(chain.curve.load);
     state["load_direction"] = in_space(chain.frame.vector(chain.curve.load_direction));
     state["watched_at"] = place(chain.curve.watched);

@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <Eigen/Core>
 #include <array>
 #include <cmath>
 #include <cstdio>
@@ -122,6 +123,18 @@ TEST_F(Export, TheHingesOfABeamHaveTheStiffnessOfItsPieces) {
   for (const json& segment : state.at("segments")) mass += segment.at("mass_kg").get<double>();
   EXPECT_NEAR(mass, 1000 * L * h * b, 1e-12);  // of the density that is assumed
   EXPECT_EQ(state.at("density_assumed")[0], "foam");
+  // Wherever it is cut, the pieces' moments about the middle of the block are the block's, exactly.
+  const Eigen::Vector3d middle(L / 2, 0, h / 2);
+  Eigen::Vector3d moments = Eigen::Vector3d::Zero();  // about along, across and the normal
+  for (const json& segment : state.at("segments")) {
+    const auto inertia = segment.at("inertia_kg_m2").get<std::vector<double>>();
+    const auto centre = segment.at("centre_m").get<std::vector<double>>();
+    const double along = centre[0] - middle.x(), across = centre[2] - middle.z();
+    const Eigen::Vector3d steiner(across * across, along * along, along * along + across * across);
+    moments += Eigen::Vector3d(inertia.data()) + segment.at("mass_kg").get<double>() * steiner;
+  }
+  const Eigen::Vector3d block = mass / 12 * Eigen::Vector3d(h * h + b * b, L * L + b * b, L * L + h * h);
+  EXPECT_LT((moments - block).norm(), 1e-12 * block.norm()) << moments.transpose() << " and " << block.transpose();
 }
 
 TEST_F(Export, MuJoCoStandsWhereTheReplayDoesWithinWhatWasSaid) {
