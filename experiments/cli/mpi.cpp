@@ -9,6 +9,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <iostream>
 #include <list>
 #include <memory>
 #include <mutex>
@@ -121,6 +122,13 @@ int leave_mpi(int code) {
     for (int rank = 1; rank < joined->size(); ++rank) joined->send(rank, "over");
   }
   for (int i = 0; i < 100 && !joined->all_sent(); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  // MPI_Finalize waits for all, also for one on a machine that can no longer be reached: what was made is written by
+  // now.
+  std::thread([code, patience = joined->silence()] {
+    std::this_thread::sleep_for(std::chrono::duration<double>(patience));
+    std::cerr << "taut: some process of this job can no longer be reached; this one ends without it\n";
+    std::_Exit(code);
+  }).detach();
   MPI_Finalize();
   return code;
 }

@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <chrono>
 #include <csignal>
@@ -136,6 +137,45 @@ TEST_F(EnsembleCommand, UnderMpirunOnlySharedWorkIsDone) {
   EXPECT_EQ(table("together"), table("run"));
   EXPECT_TRUE(fs::exists(folder / "together/ensembles/posterior.rank-1-of-4.csv"));
   EXPECT_FALSE(fs::exists(folder / "together/ensembles/posterior.csv"));
+}
+
+/// Two hosts: network namespaces with names of their own and a cable between them, where the machine allows that.
+TEST_F(EnsembleCommand, TwoHostsMakeWhatOneProcessDoes) {
+  if (TAUT_WITH_MPI == 0) GTEST_SKIP() << "built without MPI";
+  fit("run");
+  copy_without_members("run", "together");
+  folder.write("there", R"(#!/bin/sh
+shift  # the host's address: there is only one other
+exec ip netns exec "$TAUT_HOSTS-b" unshare -u sh -c 'hostname taut-b; exec sh -c "$0"' "$*"
+)");
+  fs::permissions(folder / "there", fs::perms::owner_all);
+  folder.write("hosts", R"(
+set -e
+trap 'ip netns del "$TAUT_HOSTS-a"; ip netns del "$TAUT_HOSTS-b"' EXIT
+ip netns add "$TAUT_HOSTS-a"
+ip netns add "$TAUT_HOSTS-b"
+ip -n "$TAUT_HOSTS-a" link add name taut_a type veth peer name taut_b netns "$TAUT_HOSTS-b"
+ip -n "$TAUT_HOSTS-a" addr add 10.99.0.1/24 dev taut_a
+ip -n "$TAUT_HOSTS-b" addr add 10.99.0.2/24 dev taut_b
+for end in a b; do
+  ip -n "$TAUT_HOSTS-$end" link set lo up
+  ip -n "$TAUT_HOSTS-$end" link set taut_$end up
+done
+ip netns exec "$TAUT_HOSTS-b" unshare -u hostname taut-b
+touch stand
+export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMPI_MCA_plm_rsh_agent=./there OMPI_MCA_btl=self,tcp
+export OMPI_MCA_btl_tcp_if_include=10.99.0.0/24 OMPI_MCA_oob_tcp_if_include=10.99.0.0/24
+ip netns exec "$TAUT_HOSTS-a" unshare -u sh -c 'hostname taut-a; exec "$0" "$@"' \
+  timeout 100 mpirun --host 10.99.0.1:2,10.99.0.2:2 -n 4 "$@" ensemble posterior together --members 40
+)");
+  const int status = std::system(("cd '" + (folder / "") + "' && TAUT_HOSTS=taut" + std::to_string(getpid()) +
+                                  " sh ./hosts '" + TAUT_BINARY + "' >out.txt 2>err.txt")
+                                     .c_str());
+  if (!fs::exists(folder / "stand")) GTEST_SKIP() << "no network namespaces here: " << text_of(folder / "err.txt");
+  EXPECT_EQ(status, 0) << text_of(folder / "err.txt");
+  ASSERT_EQ(taut({"ensemble", "posterior", "run", "--members", "40", "-q"}).code, 0);
+  EXPECT_EQ(table("together"), table("run"));
+  EXPECT_TRUE(fs::exists(folder / "together/ensembles/posterior.rank-3-of-4.csv")) << "it is of the other host";
 }
 
 TEST_F(EnsembleCommand, ChartsAreSharedToo) {
