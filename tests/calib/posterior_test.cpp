@@ -116,48 +116,71 @@ TEST(Posterior, WhereReadingsBoundAParameterFromOneSideOnlyItFillsTheRest) {
   expect_alike(drawn, exact, "ln E");
 }
 
-/// NIST's set Misra1a: both parameters against the density on a grid.
-TEST(Posterior, OfACertifiedSetFollowsItsDensity) {
-  const NistProblem problem = misra1a();
+/// All parameters of one of NIST's sets, with this noise, against the density on a grid between their bounds.
+void expect_density_of(const NistProblem& problem, double sigma, const std::vector<FreeParameter>& free,
+                       const std::vector<int>& points, unsigned count) {
   const auto rows = static_cast<Eigen::Index>(problem.yx.size() / 2);
   const auto x_of = [&](Eigen::Index i) { return problem.yx[2 * static_cast<size_t>(i) + 1]; };
+  const auto listed = [](const Params& p) { return std::vector<double>(p.begin(), p.end()); };
+  std::vector<std::pair<ParameterSpec, double>> parameters;
+  for (size_t j = 0; j < free.size(); ++j)
+    parameters.emplace_back(plain("b" + std::to_string(j + 1)), problem.start2[j]);
   ClosedFormProtocol protocol(
-      {{plain("b1"), 250.0}, {plain("b2"), 5e-4}},
+      parameters,
       [&](const Params& p) {
         Eigen::VectorXd y(rows);
-        for (Eigen::Index i = 0; i < rows; ++i) y[i] = problem.y(x_of(i), {p[0], p[1]});
+        for (Eigen::Index i = 0; i < rows; ++i) y[i] = problem.y(x_of(i), listed(p));
         return y;
       },
       [&](const Params& p) {
-        Eigen::MatrixXd D(rows, 2);
+        Eigen::MatrixXd D(rows, p.size());
         for (Eigen::Index i = 0; i < rows; ++i) {
-          const std::vector<double> row = problem.dy(x_of(i), {p[0], p[1]});
-          D.row(i) << row[0], row[1];
+          const std::vector<double> row = problem.dy(x_of(i), listed(p));
+          D.row(i) = Eigen::Map<const Eigen::RowVectorXd>(row.data(), p.size());
         }
         return D;
       });
-  // Thirty times the residual deviation, so that the density is no normal one.
-  const double sigma = 30 * problem.residual_sd;
   std::vector<Measurement> measurements;
   for (Eigen::Index i = 0; i < rows; ++i)
     measurements.push_back({static_cast<int>(i), problem.yx[2 * static_cast<size_t>(i)], sigma, static_cast<int>(i)});
-  const std::vector<FreeParameter> free{{0, 250, 100, 1000}, {1, 5e-4, 1e-4, 2e-3}};
-  const auto draws = sampled(protocol, measurements, free, 3000);
-  std::vector<double> b1 = evenly(100, 1000, 901), b2 = evenly(1e-4, 2e-3, 951);
-  WeightedValues of_b1{b1, std::vector<double>(b1.size())}, of_b2{b2, std::vector<double>(b2.size())};
-  for (size_t i = 0; i < b1.size(); ++i) {
-    for (size_t j = 0; j < b2.size(); ++j) {
-      double chi_squared = 0;
-      for (const Measurement& m : measurements)
-        chi_squared += std::pow((problem.y(x_of(m.row), {b1[i], b2[j]}) - m.value) / sigma, 2);
-      const double density = std::exp(-chi_squared / 2);
-      of_b1.weights[i] += density;
-      of_b2.weights[j] += density;
+  const auto draws = sampled(protocol, measurements, free, count);
+  std::vector<WeightedValues> exact;
+  size_t size = 1;
+  for (size_t j = 0; j < free.size(); ++j) {
+    const std::vector<double> values = evenly(free[j].lower, free[j].upper, points[j]);
+    exact.push_back({values, std::vector<double>(values.size())});
+    size *= values.size();
+  }
+  std::vector<double> at(free.size());
+  for (size_t k = 0; k < size; ++k) {
+    size_t rest = k;
+    for (size_t j = 0; j < free.size(); ++j) {
+      at[j] = exact[j].values[rest % exact[j].values.size()];
+      rest /= exact[j].values.size();
+    }
+    double chi_squared = 0;
+    for (const Measurement& m : measurements)
+      chi_squared += std::pow((problem.y(x_of(m.row), at) - m.value) / sigma, 2);
+    rest = k;
+    for (WeightedValues& of : exact) {
+      of.weights[rest % of.values.size()] += std::exp(-chi_squared / 2);
+      rest /= of.values.size();
     }
   }
-  EXPECT_GT(effective_number(of_parameter(draws, 0).weights), 300);
-  expect_alike(of_parameter(draws, 0), of_b1, "b1");
-  expect_alike(of_parameter(draws, 1), of_b2, "b2");
+  for (size_t j = 0; j < free.size(); ++j) {
+    const WeightedValues drawn = of_parameter(draws, j);
+    EXPECT_GT(effective_number(drawn.weights), 300);
+    expect_alike(drawn, exact[j], problem.name + ", b" + std::to_string(j + 1));
+  }
+}
+
+/// Noise of thirty and of three times the residuals' deviation, so that the densities are no normal ones; the second is
+/// cut off at b1 = 0.
+TEST(Posterior, OfCertifiedSetsFollowsTheirDensities) {
+  const NistProblem misra = misra1a(), chwirut = chwirut2();
+  expect_density_of(misra, 30 * misra.residual_sd, {{0, 250, 100, 1000}, {1, 5e-4, 1e-4, 2e-3}}, {901, 951}, 3000);
+  expect_density_of(chwirut, 3 * chwirut.residual_sd,
+                    {{0, 0.15, 0, 0.7}, {1, 8e-3, 1e-3, 1.5e-2}, {2, 1e-2, 1e-3, 4e-2}}, {101, 91, 101}, 3000);
 }
 
 /// Two springs in series, of which the readings hardly see the stiff one: a curved density with a plateau up to the
