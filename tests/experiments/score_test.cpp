@@ -62,6 +62,11 @@ TEST(ScoreCommand, TakesReplaysWhoseChannelsHaveUnlikeUnits) {
   EXPECT_EQ(clamp.at("channel"), "clamp");
   EXPECT_NEAR(clamp.at("bias").get<double>(), (-2e-3 + 1e-3) / 2, 1e-8);
   EXPECT_NEAR(clamp.at("chi_squared").get<double>(), 1 + 0.25, 1e-4);
+  // A rig that has but one of them must not take the other's numbers for it.
+  folder.write("tips.csv", "trial,pull_N,tip_mm\na,0.05,1\na,0.1,2\n");
+  const Outcome unknown = run_in(folder / "", {"score", "tips.csv", "replay/predictions.csv"});
+  EXPECT_EQ(unknown.code, 2);
+  expect_holds(unknown.err, {"'clamp' is none of the rig's channels, which are tip"});
 }
 
 /// Strains are pure numbers, per cent in the bench file; modes stand in a column of text.
