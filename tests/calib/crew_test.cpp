@@ -32,9 +32,11 @@ class Crew : public testing::Test {
     for (size_t i = 0; i < count; ++i)
       study.settings.push_back({{std::to_string(i)}, fmt::format("square {}", i), static_cast<double>(i)});
     study.run = [this, before](size_t i, const Deadline&) -> std::optional<StudyResult> {
+      {
+        const std::lock_guard lock(mutex_);
+        order_.push_back(i);
+      }
       if (before) before(i);
-      const std::lock_guard lock(mutex_);
-      order_.push_back(i);
       return StudyResult{{fmt::format("{}, \"squared\"", i * i)}, 0};
     };
     study.take = [taken](size_t i, const Cells& cells) {
@@ -78,7 +80,7 @@ class Crew : public testing::Test {
 };
 
 TEST_F(Crew, EverySettingIsRunOnceTheDearestFirstAndEachWritesItsOwnFile) {
-  std::latch all_at_work(3);  // so that the first three to run are the first three handed out
+  std::latch all_at_work(3);  // so that the first three begun are the first three handed out
   std::array<bool, 4> at_work = {};
   const auto wait = [&](const ThreadedMessages& end, size_t) {
     if (!std::exchange(at_work.at(static_cast<size_t>(end.rank())), true)) all_at_work.arrive_and_wait();
