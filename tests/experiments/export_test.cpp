@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <sstream>
 
 #include "tests/support/command.hpp"
 #include "tests/support/experiment_files.hpp"
@@ -257,13 +258,45 @@ TEST(SlowExport, ABodyInSpaceSagsInMuJoCoAsABeamDoes) {
 }
 
 /// The module, with coarse elements and one free parameter.
-TEST(SlowExport, MuJoCoStandsWhereTheModuleDoesAtEachRetraction) {
-  const std::string source = TAUT_SOURCE_DIR "/experiments/push_puppet/experiment.toml";
-  std::string toml = text_of(source);
+std::string coarse_module() {
+  std::string toml = text_of(TAUT_SOURCE_DIR "/experiments/push_puppet/experiment.toml");
   toml = toml.substr(0, toml.find("[fit]")) +
          "[fit]\n\n[fit.free.E_foam]\nstart = \"60 kPa\"\nlower = \"1 kPa\"\nupper = \"10 MPa\"\n";
-  toml = replaced(toml, "element = \"quadratic\"", "element = \"linear\"");
-  toml = replaced(toml, "../../data", TAUT_SOURCE_DIR "/data");
+  return replaced(toml, "element = \"quadratic\"", "element = \"linear\"");
+}
+
+/// One cable is longer than the other, so that retraction bends the module.
+TEST(SlowExport, SegmentsOfABentModuleLieAlongTheLinesBetweenTheirHinges) {
+  std::string toml = coarse_module();
+  toml = replaced(toml, toml.substr(toml.find("[cables]"), toml.find("[[load]]") - toml.find("[cables]")),
+                  "[cables]\nretraction = \"retraction_mm\"\n"
+                  "[[cables.cable]]\nid = \"upper\"\nk = \"10 kN/m\"\nslack = \"0 mm\"\n"
+                  "[[cables.cable]]\nid = \"lower\"\nk = \"10 kN/m\"\nslack = \"2 mm\"\n\n");
+  const TemporaryFolder folder;
+  folder.write("module.toml", replaced(toml, "../../data/push_puppet_synthetic/", ""));
+  folder.write("bench.csv", "trial,retraction_mm,mass_g,tip_displacement_mm\na,5,50,2\na,5,100,4\n");
+  done_in(folder / "", {"fit", "module.toml", "--no-variants", "--quiet", "--out", "run"});
+  done_in(folder / "", {"export", "run", "--to", "mujoco", "--quiet", "--largest", "50 g", "--out", "files"});
+  const json state = json::parse(text_of(folder / "files/hinges.json")).at("states")[0];
+  const std::string xml = text_of(folder / "files/" + state.at("file").get<std::string>());
+  const auto hinge = [&](size_t i) { return state.at("hinges_m")[i].get<std::vector<double>>(); };
+  double turned = 0;
+  size_t at = 0;
+  for (size_t i = 0; i < 3; ++i) {  // the tip's segment has one hinge
+    at = xml.find("xyaxes=\"", xml.find("<inertial", at)) + 8;
+    std::istringstream axes(xml.substr(at, xml.find('"', at) - at));
+    double x = 0, y = 0, z = 0;
+    axes >> x >> y >> z;
+    const std::vector<double> from = hinge(i), to = hinge(i + 1);
+    const double line = std::atan2(to[2] - from[2], to[0] - from[0]);
+    EXPECT_NEAR(std::atan2(z, x), line, 0.01 * line);
+    EXPECT_GT(line, turned + 0.01) << "each cell turns the rest upwards";
+    turned = line;
+  }
+}
+
+TEST(SlowExport, MuJoCoStandsWhereTheModuleDoesAtEachRetraction) {
+  const std::string toml = replaced(coarse_module(), "../../data", TAUT_SOURCE_DIR "/data");
   const TemporaryFolder folder;
   folder.write("module.toml", toml);
   run_in(folder / "", {"fit", "module.toml", "--quiet", "--out", "run"});
