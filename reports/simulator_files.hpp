@@ -34,7 +34,8 @@ std::string urdf(const ModuleChain& chain, const ChainText& text);
 std::string chain_table_csv(const std::vector<ModuleChain>& chains, const ChainText& text,
                             const std::vector<std::string>& files);
 
-/// All that is known of the chains: hinges, segments, the curve of the replay and what the chain makes of it.
+/// All that is known of the chains: hinges, segments (`inertia_kg_m2` as ChainSegment has it), the curve of the replay
+/// and what the chain makes of it.
 std::string chain_table_json(const std::vector<ModuleChain>& chains, const ChainText& text,
                              const std::vector<std::string>& files);
 

@@ -122,13 +122,14 @@ int leave_mpi(int code) {
     for (int rank = 1; rank < joined->size(); ++rank) joined->send(rank, "over");
   }
   for (int i = 0; i < 100 && !joined->all_sent(); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  // MPI_Finalize waits for all, also for one on a machine that can no longer be reached: what was made is written by
-  // now.
-  std::thread([code, patience = joined->silence()] {
-    std::this_thread::sleep_for(std::chrono::duration<double>(patience));
-    std::cerr << "taut: some process of this job can no longer be reached; this one ends without it\n";
-    std::_Exit(code);
-  }).detach();
+  // MPI_Finalize waits for all, also for one on a machine that can no longer be reached. Rank 0, the last to be done,
+  // has written everything by now and leaves without it; the others wait for rank 0, which may sum up for long.
+  if (joined->rank() == 0)
+    std::thread([code, patience = joined->silence()] {
+      std::this_thread::sleep_for(std::chrono::duration<double>(patience));
+      std::cerr << "taut: some process of this job can no longer be reached; this one ends without it\n";
+      std::_Exit(code);
+    }).detach();
   MPI_Finalize();
   return code;
 }
