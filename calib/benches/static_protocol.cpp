@@ -316,7 +316,8 @@ void StaticProtocol::solve_path(Path& path, const Params& p, const std::vector<i
   if (options_.history) return solve_history(path, p, free);
   path.cost = 0;
   if (!path.equilibrium) path.equilibrium = std::make_unique<Equilibrium>(*scene_.model, options_.equilibrium);
-  std::map<int, Grip> grips;  // what sticks at each condition, with Options::sticks
+  path.equilibrium->drop_factor();  // the last prediction's: what follows depends on state() alone
+  std::map<int, Grip> grips;        // what sticks at each condition, with Options::sticks
   for (int c : path.conditions) {
     Condition& condition = conditions_[static_cast<size_t>(c)];
     const Condition* parent = condition.parent < 0 ? nullptr : &conditions_[static_cast<size_t>(condition.parent)];

@@ -55,6 +55,7 @@ struct Cholesky::Implementation {
   cholmod_factor* factor = nullptr;
   cholmod_dense *solution = nullptr, *workspace[2] = {};  ///< kept from solve to solve
   int factorisations = 0;
+  double price = 0;
 
   explicit Implementation(const SparsePattern& pattern) {
     cholmod_start(&common);
@@ -65,6 +66,7 @@ struct Cholesky::Implementation {
     cholmod_sparse A = view(pattern, nullptr);
     factor = cholmod_analyze(&A, &common);
     if (factor == nullptr) throw std::bad_alloc();
+    price = common.fl / std::max(1.0, 60 * common.lnz);
     order(pattern);
   }
   ~Implementation() {
@@ -169,6 +171,10 @@ Eigen::MatrixXd Cholesky::solve(const Eigen::MatrixXd& b) const {
   const Eigen::Map<const Eigen::MatrixXd> ordered(static_cast<const double*>(self.solution->x), b.rows(), b.cols());
   for (Eigen::Index i = 0; i < b.rows(); ++i) x.row(i) = ordered.row(self.place[i]);
   return x;
+}
+
+double Cholesky::price() const {
+  return implementation_->price;
 }
 
 int Cholesky::factorisations() const {

@@ -21,6 +21,9 @@ class Cholesky {
   bool factorise(const std::vector<double>& values, double shift = 0);
   /// Solves with the last factor. Shape of b: (n) or (n x k).
   Eigen::MatrixXd solve(const Eigen::MatrixXd& b) const;
+  /// What a factorisation costs, in solves. Its dense kernels do some 60 operations in the time in which a solve, which
+  /// waits for memory, takes in one entry of the factor.
+  double price() const;
   /// Number of factorisations tried so far: the unit in which solves are counted.
   int factorisations() const;
 

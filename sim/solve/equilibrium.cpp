@@ -14,6 +14,7 @@ namespace taut {
 namespace {
 
 constexpr double epsilon = std::numeric_limits<double>::epsilon();
+constexpr double inexact = 0.03;  ///< residual of a Newton step that is found by iteration, of its gradient
 
 double largest(const Eigen::VectorXd& v) {
   return v.size() == 0 ? 0.0 : v.cwiseAbs().maxCoeff();
@@ -55,6 +56,7 @@ Equilibrium::Equilibrium(const Model& model, EquilibriumOptions options)
 void Equilibrium::start_at_rest(const Params& p) {
   start_at(Eigen::VectorXd::Zero(model_->unknowns()), p);
   hessian_.forget_couplings();
+  drop_factor();
 }
 
 void Equilibrium::start_at(const Eigen::VectorXd& u, const Params& p) {
@@ -69,9 +71,8 @@ void Equilibrium::start_beyond(const Eigen::VectorXd& u, const Eigen::VectorXd& 
   start_at(motion(p).admissible(u, step, p, fraction), p);
 }
 
-/// Assembles gradient and Hessian at u and factorises: exact, else projected, else projected and shifted.
-bool Equilibrium::factorise(bool& exact, const Eigen::VectorXd& u, const Params& p, Eigen::VectorXd& gradient) {
-  hessian_.assemble(at(u, p), options_.comparison.always_project ? Curvature::projected : Curvature::exact, &gradient);
+/// Factorises the Hessian that was assembled at u: exact, else projected, else projected and shifted.
+bool Equilibrium::factorise(bool& exact, const Eigen::VectorXd& u, const Params& p) {
   exact = !options_.comparison.always_project;
   if (hessian_.factorise()) return true;
   exact = false;
@@ -84,7 +85,7 @@ bool Equilibrium::factorise(bool& exact, const Eigen::VectorXd& u, const Params&
       if (hessian_.factorise(shift)) return true;
     }
   }
-  if (!options_.comparison.always_project) hessian_.assemble(at(u, p), Curvature::projected, &gradient);
+  if (!options_.comparison.always_project) hessian_.assemble(at(u, p), Curvature::projected, nullptr);
   for (double shift = 0, scale = hessian_.mean_diagonal(); shift < 1e3 * scale;
        shift = std::max(10 * shift, 1e-8 * scale)) {
     if (hessian_.factorise(shift)) return true;
@@ -114,20 +115,27 @@ double Equilibrium::tolerance() const {
 
 /// Newton's step from u. False when there is none.
 bool Equilibrium::find_direction(const Eigen::VectorXd& u, const Params& p, Direction& to) {
+  const bool project = options_.comparison.always_project;
   Eigen::VectorXd gradient;
-  if (!factorise(to.exact, u, p, gradient)) return false;
-  ++report_.iterations;
+  hessian_.assemble(at(u, p), project ? Curvature::projected : Curvature::exact, &gradient);
   to.gradient = hessian_.reduction().restrict_to_free(u, gradient);
-  to.step = -hessian_.solve(to.gradient);
-  if (!to.step.allFinite()) return false;
   report_.gradient = largest(to.gradient);
   loudest_ = std::max(loudest_, report_.gradient);
-  if (!to.exact) {
-    ++indefinite_;
-    calmest_ = std::min(calmest_, report_.gradient);
+  const auto iterated = project ? std::nullopt : hessian_.iterate(to.gradient, inexact);
+  to.exact_factor = false;
+  if (iterated) {
+    to.step = -*iterated;
+  } else {
+    if (!factorise(to.exact_factor, u, p)) return false;
+    to.step = -hessian_.solve(to.gradient);
+    if (!to.exact_factor) {
+      ++indefinite_;
+      calmest_ = std::min(calmest_, report_.gradient);
+    }
   }
+  ++report_.iterations;
   to.slope = to.gradient.dot(to.step);
-  return true;
+  return to.step.allFinite();
 }
 
 /// Near the rounding floor energies cannot tell better from worse; the gradient can (approximate Wolfe conditions).
@@ -174,7 +182,7 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
     if (stopped()) return {SolveStatus::interrupted, false};
     Direction way;
     if (!find_direction(u, p, way)) return {SolveStatus::stalled, false};
-    if (report_.gradient < options_.comparison.stop_at_force) return {SolveStatus::converged, way.exact};
+    if (report_.gradient < options_.comparison.stop_at_force) return {SolveStatus::converged, way.exact_factor};
     const double noise = 10 * epsilon * energy.magnitude;
     const Eigen::VectorXd step = hessian_.reduction().extend_from_free(u, way.step);
     const double size = largest(way.step);
@@ -186,14 +194,14 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
     if (search == LineSearch::none && !std::isfinite(next.energy)) return {SolveStatus::stalled, false};
     if (size <= tolerance) {
       if (search == LineSearch::none || next.energy <= energy.energy + noise) u = trial;
-      return {SolveStatus::converged, way.exact};
+      return {SolveStatus::converged, way.exact_factor};
     }
     if (search == LineSearch::none) {
       u = trial;
       energy = next;
       continue;
     }
-    if (polish_ != Polish::full && way.exact && fraction == 1 && next.energy <= energy.energy) {
+    if (polish_ != Polish::full && way.exact_factor && fraction == 1 && next.energy <= energy.energy) {
       Eigen::VectorXd refined = trial;
       if (refine(refined, p, 0.1 * size)) {
         u = refined;
@@ -290,17 +298,34 @@ std::string Equilibrium::heading(const Eigen::VectorXd& direction) const {
   return fmt::format("{}{}", sum < 0 ? '-' : '+', "xyz"[most]);
 }
 
+/// Whether two modes move each node as far, in other directions: a square column bends one way, and across it.
+bool alike(const Eigen::VectorXd& one, const Eigen::VectorXd& other) {
+  const auto sizes = [](const Eigen::VectorXd& all) {
+    return Eigen::VectorXd(all.reshaped(3, all.size() / 3).colwise().norm().transpose()).normalized().eval();
+  };
+  return sizes(one).dot(sizes(other)) > 0.99;
+}
+
 /// At a stationary point whose exact Hessian is not positive definite: finds the direction of the lowest eigenvalue and
-/// steps along it, to the side of lower energy; of two that are alike to the one that push() has a share in. False when
-/// there is no negative curvature.
+/// steps along it, to the side of lower energy; of two that are alike to the one that push() has a share in, and of two
+/// modes that are, in space, to the one between them that is nearest to it: they are one branch, whose sides are a
+/// circle. False when there is no negative curvature.
 bool Equilibrium::leave_saddle(Eigen::VectorXd& u, const Params& p) {
   Assembly out;
   if (!factorise_shifted(u, p, out)) return false;
   const Eigen::VectorXd mode = lowest_mode({});
   if (!(hessian_.times(mode).dot(mode) < 0)) return false;
   const Eigen::VectorXd second = lowest_mode(mode);
-  const bool several = hessian_.times(second).dot(second) < 0;
+  const auto curvature = [&](const Eigen::VectorXd& v) { return hessian_.times(v).dot(v) / v.squaredNorm(); };
+  bool several = curvature(second) < 0;
   Eigen::VectorXd direction = hessian_.reduction().extend_from_free(u, mode);
+  const Eigen::VectorXd other = hessian_.reduction().extend_from_free(u, second);
+  if (model_->mesh().dimension() == 3 && curvature(second) < 0.9 * curvature(mode) && alike(direction, other)) {
+    several = false;
+    direction =
+        push().dot(direction) / direction.squaredNorm() * direction + push().dot(other) / other.squaredNorm() * other;
+    direction /= largest(direction);
+  }
   if (push().dot(direction) < 0) direction = -direction;
   const Motion way = motion(p);
   const double noise = 10 * epsilon * out.magnitude;

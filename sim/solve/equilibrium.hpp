@@ -86,8 +86,9 @@ enum class Polish {
 };
 
 /// Static equilibrium u* = argmin_u Pi(u; p): Newton's method on the exact Hessian, projected or shifted only when its
-/// Cholesky factorisation fails, with a line search that survives the rounding floor; load stepping from the last
-/// equilibrium when the whole change is too much at once.
+/// Cholesky factorisation fails (where factorisations are dear, steps to 3 % by conjugate gradients with the last
+/// factor, and one factorisation at the end, which shows that it is a minimum), with a line search that survives the
+/// rounding floor; load stepping from the last equilibrium when the whole change is too much at once.
 ///
 /// An unstable equilibrium on the way (buckling) is left along its lowest mode, to the side of lower energy. Where both
 /// sides are alike the sign of a fixed average of the mode decides, so that all solves of a model fall to the same
@@ -116,6 +117,8 @@ class Equilibrium {
 
   /// Forgets the past: rest shape at `p`, in which loads and prescribed displacements are expected to be zero.
   void start_at_rest(const Params& p);
+  /// What was factorised before has no part in what follows.
+  void drop_factor() { has_factor_ = false, hessian_.drop_factor(); }
   /// Couplings (row, column) that the Hessian has room for besides the model's own, since the last start at rest; with
   /// the same ones another object solves the same to the bit.
   std::vector<std::array<int, 2>> couplings() const { return hessian_.couplings(); }
@@ -152,7 +155,7 @@ class Equilibrium {
   };
   /// Newton's step on the free unknowns.
   struct Direction {
-    bool exact = true;  ///< by the exact Hessian
+    bool exact_factor = false;  ///< the factor of the exact Hessian there is kept
     Eigen::VectorXd gradient, step;
     double slope = 0;  ///< < 0, twice the predicted decrease
   };
@@ -190,7 +193,7 @@ class Equilibrium {
   bool slipped(const Eigen::VectorXd& u_before, const Params& p_before, const Eigen::VectorXd& predicted) const;
   void advance(const Params& p, bool check_path);
   Eigen::VectorXd right_hand_side(int index) const;
-  bool factorise(bool& exact, const Eigen::VectorXd& u, const Params& p, Eigen::VectorXd& gradient);
+  bool factorise(bool& exact, const Eigen::VectorXd& u, const Params& p);
   Motion motion(const Params& p) const {
     return {*model_, p, options_.comparison.straight_steps, options_.comparison.ignore_contact};
   }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "sim/core/numbers.hpp"
 #include "sim/core/sorted.hpp"
 
 namespace taut {
@@ -26,8 +27,10 @@ void Hessian::forget_couplings() {
   extra_.clear();
   slots_.clear();
   *pattern_ = base();
-  factorisations_ += grown_->factorisations();
+  if (grown_) factorisations_ += grown_->factorisations();
   grown_.reset();
+  analysed_ = true;
+  factorised_ = false;
 }
 
 std::vector<std::array<int, 2>> Hessian::couplings() const {
@@ -67,8 +70,7 @@ void Hessian::set_pattern(std::vector<Place> extra) {
     for (; next != extra_.end() && next->column == column; ++next) pattern_->rows.push_back(next->row);
     pattern_->columns.push_back(static_cast<int>(pattern_->rows.size()));
   }
-  if (grown_) factorisations_ += grown_->factorisations();
-  grown_.emplace(*pattern_);
+  analysed_ = false;
 }
 
 /// T^T H T and the curvature of the rotations, from own_ to reduced_.
@@ -130,7 +132,33 @@ Assembly Hessian::assemble(const Point& at, Curvature curvature, Eigen::VectorXd
 }
 
 bool Hessian::factorise(double shift) {
-  return (grown_ ? *grown_ : own_cholesky_).factorise(values(), shift);
+  if (!analysed_) {
+    if (grown_) factorisations_ += grown_->factorisations();
+    grown_.emplace(*pattern_);
+    analysed_ = true;
+  }
+  return factorised_ = cholesky().factorise(values(), shift);
+}
+
+std::optional<Eigen::VectorXd> Hessian::iterate(const Eigen::VectorXd& b, double tolerance) const {
+  if (!factorised_) return std::nullopt;
+  Eigen::VectorXd x = Eigen::VectorXd::Zero(b.size()), r = b, d = x;
+  double before = infinity, goal = 0;
+  const int limit = static_cast<int>(cholesky().price());
+  for (int iteration = 0; iteration < limit; ++iteration) {
+    const Eigen::VectorXd z = solve(r);
+    const double now = r.dot(z);
+    if (iteration == 0) goal = tolerance * tolerance * now;
+    if (now <= goal) return x;
+    d = z + now / before * d;
+    const Eigen::VectorXd Hd = times(d);
+    const double curvature = d.dot(Hd);
+    if (!(curvature > 0)) break;
+    x += now / curvature * d;
+    r -= now / curvature * Hd;
+    before = now;
+  }
+  return std::nullopt;
 }
 
 double Hessian::mean_diagonal() const {

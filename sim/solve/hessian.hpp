@@ -23,7 +23,13 @@ class Hessian {
   /// Factorises what was assembled, plus shift * I. False when it is not positive definite.
   bool factorise(double shift = 0);
   /// Solves with the last factor; shape (n) or (n x k).
-  Eigen::MatrixXd solve(const Eigen::MatrixXd& b) const { return (grown_ ? *grown_ : own_cholesky_).solve(b); }
+  Eigen::MatrixXd solve(const Eigen::MatrixXd& b) const { return cholesky().solve(b); }
+  /// Solves with what was assembled last by conjugate gradients, preconditioned by the last factor, which may be of a
+  /// state before or of a shifted Hessian, until the residual has fallen to `tolerance` in the norm of that factor's
+  /// inverse. Empty without a factor, where negative curvature shows on the way, and where it comes to cost as much as
+  /// a factorisation: with Hessians in the plane at once.
+  std::optional<Eigen::VectorXd> iterate(const Eigen::VectorXd& b, double tolerance) const;
+  void drop_factor() { factorised_ = false; }  ///< iterate() waits for another one
   /// What was assembled times q.
   Eigen::VectorXd times(const Eigen::VectorXd& q) const { return pattern_->times(values(), q); }
   const Reduction& reduction() const { return reduction_; }  ///< the unknowns that it stands on
@@ -50,6 +56,8 @@ class Hessian {
     double factor;
   };
   const SparsePattern& base() const { return reduction_.identity() ? model_->pattern() : reduction_.pattern(); }
+  const Cholesky& cholesky() const { return grown_ ? *grown_ : own_cholesky_; }
+  Cholesky& cholesky() { return grown_ ? *grown_ : own_cholesky_; }
   const std::vector<double>& values() const;
   void reduce(const Point& at, Curvature curvature, const Eigen::VectorXd& gradient,
               const std::vector<double>& weights);
@@ -66,7 +74,9 @@ class Hessian {
   std::vector<double> values_;              ///< values of pattern_, where that is not base()
   std::vector<Coupling> couplings_;
   Cholesky own_cholesky_;          ///< of base()
-  std::optional<Cholesky> grown_;  ///< of pattern_, where that is not base()
+  std::optional<Cholesky> grown_;  ///< of pattern_, where that is not base() and was factorised
+  bool analysed_ = true;           ///< pattern_ has not grown since cholesky() took it
+  bool factorised_ = false;        ///< cholesky() has a factor, of whatever state
   int factorisations_ = 0;         ///< by factors of patterns in between
 };
 

@@ -1,0 +1,134 @@
+#include <gtest/gtest.h>
+
+#include "sim/mesh/structured.hpp"
+#include "sim/mesh/weights.hpp"
+#include "sim/scene/scene.hpp"
+#include "sim/solve/equilibrium.hpp"
+#include "sim/solve/hessian.hpp"
+
+// Where factorisations are dear, Newton's steps come from conjugate gradients with the factor of a state before.
+namespace taut::test {
+namespace {
+
+/// A column of 20 x `width` x 100 mm of 1 MPa, clamped at its foot, with "force" [N] downwards on its top.
+struct Column {
+  Scene scene;
+  int force = -1;
+  Eigen::VectorXd across;  ///< weights of the top's mean displacement along x and
+  Eigen::VectorXd down;    ///< against z
+};
+
+Column column(double width = 30e-3) {
+  SceneBuilder builder(box(graded(20e-3, 3), graded(width, 5), graded(100e-3, 12), 2, "column"), {}, 1.0);
+  builder.add_solid("column", "neo_hookean", {{"E", 1e6}, {"nu", 0.0}});
+  builder.fix("zmin", {0, 1, 2});
+  Column result;
+  result.force = builder.declare({"force", "F", "N", -1e6, 1e6, "load"}, 0.0);
+  builder.add_force("zmax", Eigen::Vector3d(0, 0, -1), result.force);
+  const Mesh& mesh = builder.mesh();
+  result.across = mean_weights(mesh, mesh.select("zmax"), Eigen::Vector3d(1, 0, 0));
+  result.down = mean_weights(mesh, mesh.select("zmax"), Eigen::Vector3d(0, 0, -1));
+  result.scene = builder.build();
+  return result;
+}
+
+Params under(const Column& column, double force) {
+  Params p = column.scene.values;
+  p[column.force] = force;
+  return p;
+}
+
+TEST(IteratedNewton, SolvesWithTheHessianOfOneStateByTheFactorOfAnother) {
+  const Column c = column();
+  const Model& model = *c.scene.model;
+  Equilibrium pulled(model);
+  pulled.start_at_rest(c.scene.values);
+  ASSERT_EQ(pulled.solve(under(c, -60)).status, SolveStatus::converged);  // by a tenth
+  const Eigen::VectorXd rest = Eigen::VectorXd::Zero(model.unknowns());
+  Eigen::VectorXd v(model.free_unknowns());
+  for (Eigen::Index i = 0; i < v.size(); ++i) v[i] = std::sin(1.0 + 0.7 * static_cast<double>(i));
+
+  Hessian hessian(model);
+  hessian.assemble({rest, c.scene.values}, Curvature::exact, nullptr);
+  EXPECT_FALSE(hessian.iterate(v, 0.1)) << "without a factor";
+  ASSERT_TRUE(hessian.factorise());
+  hessian.assemble({pulled.u(), pulled.p()}, Curvature::exact, nullptr);
+  const auto x = hessian.iterate(v, 0.1);
+  ASSERT_TRUE(x);
+  // The residual in the norm of the factor's inverse, by that factor and another evaluation of the Hessian.
+  const Eigen::VectorXd Hx =
+      model.restrict_to_free(model.hessian_times({pulled.u(), pulled.p()}, model.extend_from_free(*x)));
+  const Eigen::VectorXd r = v - Hx;
+  EXPECT_LE(r.dot(hessian.solve(r).col(0)), 0.1001 * 0.1001 * v.dot(hessian.solve(v).col(0)));
+  EXPECT_GT(r.norm(), 1e-6 * v.norm()) << "that factor is of another state";
+
+  EXPECT_FALSE(hessian.iterate(v, 1e-12)) << "for as long as a factorisation takes, and no longer";
+  hessian.drop_factor();
+  EXPECT_FALSE(hessian.iterate(v, 0.1));
+}
+
+TEST(IteratedNewton, NegativeCurvatureIsLeftToAFactorisation) {
+  const Column c = column();
+  const Model& model = *c.scene.model;
+  Hessian hessian(model);
+  const Eigen::VectorXd rest = Eigen::VectorXd::Zero(model.unknowns());
+  hessian.assemble({rest, c.scene.values}, Curvature::exact, nullptr);
+  ASSERT_TRUE(hessian.factorise());
+  // Straight, and shortened by a tenth: beyond Euler's load, so that bending costs less than nothing.
+  Eigen::VectorXd u = rest;
+  for (int i = 0; i < model.mesh().node_count(); ++i) u[3 * i + 2] = -0.1 * model.mesh().node(i)[2];
+  hessian.assemble({u, c.scene.values}, Curvature::exact, nullptr);
+  EXPECT_FALSE(hessian.iterate(model.restrict_to_free(c.across), 1e-3));
+}
+
+TEST(IteratedNewton, ComesToTheSameStateWithOneFactorisationAndShowsThatItIsAMinimum) {
+  const Column c = column();
+  Equilibrium straight(*c.scene.model), iterated(*c.scene.model);
+  iterated.start_at_rest(c.scene.values);
+  ASSERT_EQ(iterated.solve(under(c, -60)).status, SolveStatus::converged);
+  const SolveReport& report = iterated.solve(under(c, -120));
+  ASSERT_EQ(report.status, SolveStatus::converged);
+  EXPECT_EQ(report.factorisations, 1) << report.message();
+  EXPECT_GE(report.iterations, 3);
+  EXPECT_TRUE(iterated.has_factor());
+
+  straight.start_at_rest(c.scene.values);
+  ASSERT_EQ(straight.solve(under(c, -120)).status, SolveStatus::converged);
+  EXPECT_LT((iterated.u() - straight.u()).cwiseAbs().maxCoeff(), 1e-9 * c.scene.model->length_scale());
+  const Eigen::MatrixXd by_one = straight.sensitivities({c.force}), by_other = iterated.sensitivities({c.force});
+  EXPECT_LT((by_one - by_other).norm(), 1e-7 * by_one.norm());
+
+  iterated.drop_factor();
+  EXPECT_EQ(iterated.solve(under(c, -180)).factorisations, 2);  // one to go by, and the last
+}
+
+// Clamped and free ends: Euler's load, and the top's place on the elastica (Timoshenko and Gere, table 2-1), to what
+// the shear of columns as short as these changes.
+TEST(IteratedNewton, AColumnThatStoodStraightBucklesToItsWeakerSide) {
+  const Column c = column();
+  const double euler = std::pow(3.14159265358979 / 0.2, 2) * 1e6 * 30e-3 * std::pow(20e-3, 3) / 12;
+  Equilibrium equilibrium(*c.scene.model);
+  equilibrium.start_at_rest(c.scene.values);
+  ASSERT_EQ(equilibrium.solve(under(c, 0.9 * euler)).status, SolveStatus::converged);
+  EXPECT_FALSE(equilibrium.report().left_saddle);
+  EXPECT_NEAR(c.across.dot(equilibrium.u()), 0.0, 1e-6);
+  ASSERT_EQ(equilibrium.solve(under(c, 1.1517 * euler)).status, SolveStatus::converged);
+  EXPECT_TRUE(equilibrium.report().left_saddle);
+  EXPECT_NEAR(c.down.dot(equilibrium.u()), (1 - 0.741) * 100e-3, 5e-3);
+  EXPECT_NEAR(c.across.dot(equilibrium.u()), 0.5932 * 100e-3, 5e-3);
+}
+
+// It bends as well one way as across it: two unstable modes that no shorter load step tells apart.
+TEST(IteratedNewton, ASquareColumnBuckles) {
+  const Column c = column(20e-3);
+  const double euler = std::pow(3.14159265358979 / 0.2, 2) * 1e6 * std::pow(20e-3, 4) / 12;
+  Equilibrium equilibrium(*c.scene.model);
+  equilibrium.start_at_rest(c.scene.values);
+  ASSERT_EQ(equilibrium.solve(under(c, 1.1517 * euler)).status, SolveStatus::converged);
+  EXPECT_TRUE(equilibrium.report().left_saddle);
+  EXPECT_LT(equilibrium.report().iterations, 100) << equilibrium.report().message();
+  EXPECT_NEAR(c.down.dot(equilibrium.u()), (1 - 0.741) * 100e-3, 5e-3);
+}
+
+}  // namespace
+}  // namespace taut::test
