@@ -121,7 +121,8 @@ bool Equilibrium::find_direction(const Eigen::VectorXd& u, const Params& p, Dire
   to.gradient = hessian_.reduction().restrict_to_free(u, gradient);
   report_.gradient = largest(to.gradient);
   loudest_ = std::max(loudest_, report_.gradient);
-  const auto iterated = project ? std::nullopt : hessian_.iterate(to.gradient, inexact);
+  std::optional<Eigen::VectorXd> iterated;
+  if (!project && hessian_.price() >= options_.dear) iterated = hessian_.iterate(to.gradient, inexact);
   to.exact_factor = false;
   if (iterated) {
     to.step = -*iterated;
@@ -446,7 +447,12 @@ SolveStatus Equilibrium::settle(Eigen::VectorXd& u, const Params& p) {
     }
     hessian_.assemble(at(u, p), Curvature::exact, nullptr);
     has_factor_ = hessian_.factorise();
-    if (has_factor_) return SolveStatus::converged;
+    if (has_factor_) {
+      // Steps by iteration leave a part of themselves; one with this factor leaves its square.
+      Eigen::VectorXd polished = u;
+      if (refine(polished, p, tolerance())) u = polished;
+      return SolveStatus::converged;
+    }
     if (!leave_saddle(u, p)) break;
     report_.left_saddle = buckling_ = true;
   }

@@ -41,6 +41,7 @@ struct EquilibriumOptions {
   int max_total_iterations = 400;  ///< over all load steps of one solve
   int load_steps = 1;              ///< equal steps to begin with; failed ones are halved, as max_halvings allows
   bool check_minimum = true;       ///< leave saddle points (buckling) and say so
+  double dear = 8;                 ///< price of a factorisation, in solves, from which Newton's steps are iterated
   bool check_path = false;         ///< look for slips to another equilibrium between load steps, and shorten them there
   const std::atomic<bool>* stop = nullptr;  ///< raised by another thread or a signal handler: end soon
   /// What other solvers do, for comparison only: nothing but the stability chart (calib/studies/stability.cpp) and the

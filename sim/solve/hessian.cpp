@@ -144,8 +144,7 @@ std::optional<Eigen::VectorXd> Hessian::iterate(const Eigen::VectorXd& b, double
   if (!factorised_) return std::nullopt;
   Eigen::VectorXd x = Eigen::VectorXd::Zero(b.size()), r = b, d = x;
   double before = infinity, goal = 0;
-  const int limit = static_cast<int>(cholesky().price());
-  for (int iteration = 0; iteration < limit; ++iteration) {
+  for (int iteration = 0; iteration < price(); ++iteration) {
     const Eigen::VectorXd z = solve(r);
     const double now = r.dot(z);
     if (iteration == 0) goal = tolerance * tolerance * now;

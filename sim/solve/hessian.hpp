@@ -27,9 +27,10 @@ class Hessian {
   /// Solves with what was assembled last by conjugate gradients, preconditioned by the last factor, which may be of a
   /// state before or of a shifted Hessian, until the residual has fallen to `tolerance` in the norm of that factor's
   /// inverse. Empty without a factor, where negative curvature shows on the way, and where it comes to cost as much as
-  /// a factorisation: with Hessians in the plane at once.
+  /// a factorisation.
   std::optional<Eigen::VectorXd> iterate(const Eigen::VectorXd& b, double tolerance) const;
-  void drop_factor() { factorised_ = false; }  ///< iterate() waits for another one
+  double price() const { return cholesky().price(); }  ///< of a factorisation, in solves
+  void drop_factor() { factorised_ = false; }          ///< iterate() waits for another one
   /// What was assembled times q.
   Eigen::VectorXd times(const Eigen::VectorXd& q) const { return pattern_->times(values(), q); }
   const Reduction& reduction() const { return reduction_; }  ///< the unknowns that it stands on

@@ -1,5 +1,7 @@
 #include <gtest/gtest.h>
 
+#include <array>
+
 #include "sim/mesh/structured.hpp"
 #include "sim/mesh/weights.hpp"
 #include "sim/scene/scene.hpp"
@@ -10,19 +12,22 @@
 namespace taut::test {
 namespace {
 
-/// A column of 20 x `width` x 100 mm of 1 MPa, clamped at its foot, with "force" [N] downwards on its top.
+/// A column of 20 x `width` x `length` of 1 MPa, clamped at its foot, with "force" [N] downwards on its top.
 struct Column {
   Scene scene;
   int force = -1;
+  double euler = 0;        ///< its load with clamped and free ends [N]
   Eigen::VectorXd across;  ///< weights of the top's mean displacement along x and
   Eigen::VectorXd down;    ///< against z
 };
 
-Column column(double width = 30e-3) {
-  SceneBuilder builder(box(graded(20e-3, 3), graded(width, 5), graded(100e-3, 12), 2, "column"), {}, 1.0);
+Column column(double width, double length, const std::array<int, 3>& cells) {
+  SceneBuilder builder(box(graded(20e-3, cells[0]), graded(width, cells[1]), graded(length, cells[2]), 2, "column"), {},
+                       1.0);
   builder.add_solid("column", "neo_hookean", {{"E", 1e6}, {"nu", 0.0}});
   builder.fix("zmin", {0, 1, 2});
   Column result;
+  result.euler = std::pow(3.14159265358979 / (2 * length), 2) * 1e6 * width * std::pow(20e-3, 3) / 12;
   result.force = builder.declare({"force", "F", "N", -1e6, 1e6, "load"}, 0.0);
   builder.add_force("zmax", Eigen::Vector3d(0, 0, -1), result.force);
   const Mesh& mesh = builder.mesh();
@@ -32,6 +37,17 @@ Column column(double width = 30e-3) {
   return result;
 }
 
+Column wide() {
+  return column(30e-3, 100e-3, {4, 5, 14});
+}
+
+/// Small models stand for those of ten times as many unknowns.
+EquilibriumOptions iterating() {
+  EquilibriumOptions options;
+  options.dear = 1;
+  return options;
+}
+
 Params under(const Column& column, double force) {
   Params p = column.scene.values;
   p[column.force] = force;
@@ -39,7 +55,7 @@ Params under(const Column& column, double force) {
 }
 
 TEST(IteratedNewton, SolvesWithTheHessianOfOneStateByTheFactorOfAnother) {
-  const Column c = column();
+  const Column c = wide();
   const Model& model = *c.scene.model;
   Equilibrium pulled(model);
   pulled.start_at_rest(c.scene.values);
@@ -68,7 +84,7 @@ TEST(IteratedNewton, SolvesWithTheHessianOfOneStateByTheFactorOfAnother) {
 }
 
 TEST(IteratedNewton, NegativeCurvatureIsLeftToAFactorisation) {
-  const Column c = column();
+  const Column c = wide();
   const Model& model = *c.scene.model;
   Hessian hessian(model);
   const Eigen::VectorXd rest = Eigen::VectorXd::Zero(model.unknowns());
@@ -82,8 +98,8 @@ TEST(IteratedNewton, NegativeCurvatureIsLeftToAFactorisation) {
 }
 
 TEST(IteratedNewton, ComesToTheSameStateWithOneFactorisationAndShowsThatItIsAMinimum) {
-  const Column c = column();
-  Equilibrium straight(*c.scene.model), iterated(*c.scene.model);
+  const Column c = wide();
+  Equilibrium straight(*c.scene.model), iterated(*c.scene.model, iterating());
   iterated.start_at_rest(c.scene.values);
   ASSERT_EQ(iterated.solve(under(c, -60)).status, SolveStatus::converged);
   const SolveReport& report = iterated.solve(under(c, -120));
@@ -102,29 +118,25 @@ TEST(IteratedNewton, ComesToTheSameStateWithOneFactorisationAndShowsThatItIsAMin
   EXPECT_EQ(iterated.solve(under(c, -180)).factorisations, 2);  // one to go by, and the last
 }
 
-// Clamped and free ends: Euler's load, and the top's place on the elastica (Timoshenko and Gere, table 2-1), to what
-// the shear of columns as short as these changes.
-TEST(IteratedNewton, AColumnThatStoodStraightBucklesToItsWeakerSide) {
-  const Column c = column();
-  const double euler = std::pow(3.14159265358979 / 0.2, 2) * 1e6 * 30e-3 * std::pow(20e-3, 3) / 12;
-  Equilibrium equilibrium(*c.scene.model);
+TEST(IteratedNewton, AColumnThatStoodStraightBuckles) {
+  const Column c = column(30e-3, 100e-3, {3, 4, 10});
+  Equilibrium equilibrium(*c.scene.model, iterating());
   equilibrium.start_at_rest(c.scene.values);
-  ASSERT_EQ(equilibrium.solve(under(c, 0.9 * euler)).status, SolveStatus::converged);
+  ASSERT_EQ(equilibrium.solve(under(c, 0.85 * c.euler)).status, SolveStatus::converged);
   EXPECT_FALSE(equilibrium.report().left_saddle);
   EXPECT_NEAR(c.across.dot(equilibrium.u()), 0.0, 1e-6);
-  ASSERT_EQ(equilibrium.solve(under(c, 1.1517 * euler)).status, SolveStatus::converged);
+  ASSERT_EQ(equilibrium.solve(under(c, 1.05 * c.euler)).status, SolveStatus::converged);
   EXPECT_TRUE(equilibrium.report().left_saddle);
-  EXPECT_NEAR(c.down.dot(equilibrium.u()), (1 - 0.741) * 100e-3, 5e-3);
-  EXPECT_NEAR(c.across.dot(equilibrium.u()), 0.5932 * 100e-3, 5e-3);
+  EXPECT_GT(c.across.dot(equilibrium.u()), 10e-3);
 }
 
-// It bends as well one way as across it: two unstable modes that no shorter load step tells apart.
-TEST(IteratedNewton, ASquareColumnBuckles) {
-  const Column c = column(20e-3);
-  const double euler = std::pow(3.14159265358979 / 0.2, 2) * 1e6 * std::pow(20e-3, 4) / 12;
+// It bends as well one way as across it: two unstable modes that no shorter load step tells apart. The top's place on
+// the elastica is Timoshenko and Gere's (table 2-1), to what the shear of so short a column changes.
+TEST(Equilibrium, ASquareColumnInSpaceBuckles) {
+  const Column c = column(20e-3, 100e-3, {3, 3, 12});
   Equilibrium equilibrium(*c.scene.model);
   equilibrium.start_at_rest(c.scene.values);
-  ASSERT_EQ(equilibrium.solve(under(c, 1.1517 * euler)).status, SolveStatus::converged);
+  ASSERT_EQ(equilibrium.solve(under(c, 1.1517 * c.euler)).status, SolveStatus::converged);
   EXPECT_TRUE(equilibrium.report().left_saddle);
   EXPECT_LT(equilibrium.report().iterations, 100) << equilibrium.report().message();
   EXPECT_NEAR(c.down.dot(equilibrium.u()), (1 - 0.741) * 100e-3, 5e-3);
