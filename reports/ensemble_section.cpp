@@ -29,6 +29,7 @@ EnsembleWords words_of(const EnsembleRecord& ensemble) {
   if (ensemble.kind == name_of(EnsembleKind::posterior))
     return {"Beyond the parabola: posterior", "draws", "#posterior's"};
   if (ensemble.kind == name_of(EnsembleKind::bootstrap)) return {"Bootstrap", "fits", "#bootstrap's"};
+  if (ensemble.kind == name_of(EnsembleKind::profiles)) return {"Along profiles", "fits", "#the profile's"};
   return {"From other starts", "fits", ""};
 }
 
@@ -42,22 +43,27 @@ std::string counts_of(const EnsembleRecord& ensemble) {
 }
 
 std::string marginals_table(const RunRecord& record, const EnsembleRecord& ensemble) {
+  const bool profiles = !ensemble.profiles.empty();
   std::vector<Cells> rows;
   for (size_t j = 0; j < ensemble.parameters.size(); ++j) {
     const EnsembleMarginal& one = ensemble.parameters[j];
     ParameterEstimate shown_as = record.fit.parameters[j];
-    shown_as.lower95 = one.lower95;
-    shown_as.upper95 = one.upper95;
+    const auto end = [](double value) { return std::isfinite(value) ? std::optional(value) : std::nullopt; };
+    shown_as.lower95 = end(one.lower95);
+    shown_as.upper95 = end(one.upper95);
     shown_as.total_lower95 = one.total_lower95;
     shown_as.total_upper95 = one.total_upper95;
     const Shown shown(shown_as);
-    rows.push_back(
-        {one.id, shown.with_unit(one.median), shown.interval(shown_as), one.total_lower95 ? shown.total(shown_as) : "",
-         std::isfinite(one.width) ? fmt::format("{:.2f} ± {:.2f}", one.width, one.width_error) : "none", one.verdict});
+    rows.push_back({one.id, shown.with_unit(one.median), shown.interval(shown_as),
+                    one.total_lower95 ? shown.total(shown_as) : "",
+                    !std::isfinite(one.width) ? "none"
+                    : profiles                ? fmt::format("{:.2f}", one.width)
+                                              : fmt::format("{:.2f} ± {:.2f}", one.width, one.width_error),
+                    one.verdict});
   }
-  return table(
-      {"Parameter", "#Median", "#95 % interval", "#With all shares", "#Width over the parabola's", "The parabola is"},
-      rows);
+  return table({"Parameter", profiles ? "#Lowest at" : "#Median", "#95 % interval", "#With all shares",
+                "#Width over the parabola's", "The parabola is"},
+               rows);
 }
 
 std::string minima_table(const RunRecord& record, const EnsembleRecord& ensemble) {

@@ -15,13 +15,21 @@ constexpr double kHighest = 8;       // rise that is drawn; points above are in 
 
 using Profile = std::vector<std::pair<double, double>>;  // value, rise of chi squared
 
-/// The finite points of a profile; empty when it has none beside the optimum.
-Profile points_of(const ParameterEstimate& estimate) {
+/// The finite points of the profile of parameter j, those of an ensemble of profiles among them; empty when it has none
+/// beside the optimum.
+Profile points_of(const RunRecord& record, size_t j) {
   Profile points;
-  for (const auto& [value, rise] : estimate.profile) {
-    if (std::isfinite(value) && std::isfinite(rise)) points.emplace_back(value, std::max(rise, 0.0));
+  const auto add = [&](const Profile& profile) {
+    for (const auto& [value, rise] : profile) {
+      if (std::isfinite(value) && std::isfinite(rise)) points.emplace_back(value, std::max(rise, 0.0));
+    }
+  };
+  add(record.fit.parameters[j].profile);
+  for (const EnsembleRecord& ensemble : record.ensembles) {
+    if (j < ensemble.profiles.size()) add(ensemble.profiles[j]);
   }
   std::ranges::sort(points);
+  points.erase(std::ranges::unique(points, {}, &std::pair<double, double>::first).begin(), points.end());
   return points.size() < 2 ? Profile() : points;
 }
 
@@ -153,8 +161,9 @@ void add_profile(Page& page, const Box& box, const ParameterEstimate& estimate, 
 std::optional<Drawing> profiles(const RunRecord& record) {
   std::vector<std::pair<const ParameterEstimate*, Profile>> panels;
   std::string csv = "parameter,unit,kind,value,rise_of_chi_squared\n", open_ends;
-  for (const ParameterEstimate& estimate : record.fit.parameters) {
-    Profile points = points_of(estimate);
+  for (size_t j = 0; j < record.fit.parameters.size(); ++j) {
+    const ParameterEstimate& estimate = record.fit.parameters[j];
+    Profile points = points_of(record, j);
     if (points.empty() || !std::isfinite(estimate.value)) continue;
     csv += profile_csv(estimate, points);
     if (!estimate.lower95) open_ends += open_end(estimate, points, false);

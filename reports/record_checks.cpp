@@ -109,6 +109,7 @@ void check_ensembles(const RecordChecker& checker, const RunRecord& record) {
       checker.same_length(ensemble.parameters.size(), n, key("parameters"), "parameters");
     if (!ensemble.bands.empty())
       checker.same_length(ensemble.bands.size(), record.readings.size(), key("bands"), "readings");
+    if (!ensemble.profiles.empty()) checker.same_length(ensemble.profiles.size(), n, key("profiles"), "parameters");
     checker.same_length(ensemble.weights.size(), ensemble.drawn.size(), key("weights"), "members");
     for (const std::vector<double>& values : ensemble.drawn)
       checker.same_length(values.size(), n, key("drawn"), "parameters");

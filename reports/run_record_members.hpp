@@ -166,6 +166,7 @@ void describe(auto&& a, EnsembleRecord& ensemble) {
   a("drawn", ensemble.drawn);
   a("weights", ensemble.weights);
   a("minima", ensemble.minima);
+  if (a.there("profiles", !ensemble.profiles.empty())) a("profiles", ensemble.profiles);
   a("failures", ensemble.failures);
 }
 

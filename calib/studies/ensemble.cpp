@@ -31,6 +31,7 @@ constexpr const char* beyond = "outside";
 constexpr size_t enough_trials = 5;   ///< from so many on trials are drawn anew, else noise
 constexpr int fewest_members = 20;    ///< from which a distribution is described
 constexpr size_t most_drawn = 1000;   ///< members that figures show
+constexpr size_t fewest_places = 7;   ///< of a profile, from which its ends are read off
 constexpr double of_good_ends = 0.2;  ///< as a part of the parabola's half width: nobody decides otherwise for less
 
 /// The text of one number that reads back to the same bits.
@@ -75,6 +76,49 @@ std::optional<EnsembleMember> member_of(const Cells& cells, size_t parameters) {
   return member;
 }
 
+/// A member's value on the fitted scale.
+double fitted(const ParameterSpec& spec, double value) {
+  return spec.logarithmic ? std::log(value) : value;
+}
+
+double unfitted(const ParameterSpec& spec, double q) {
+  return spec.logarithmic ? std::exp(q) : q;
+}
+
+/// Of the parabola on the fitted scale; NaN or infinite where the readings do not define it.
+double fitted_se(const ParameterEstimate& estimate) {
+  return estimate.standard_error / (estimate.spec.logarithmic ? estimate.value : 1);
+}
+
+/// Between which ends a profile is looked at, fitted scale: twice as far out as its interval's, to the bound where that
+/// is open, and six standard errors where the fit has none.
+std::pair<double, double> profile_range(const ParameterEstimate& estimate) {
+  const double centre = fitted(estimate.spec, estimate.value), se = fitted_se(estimate);
+  const bool has_none = !estimate.lower95 && !estimate.upper95 && se > 0 && std::isfinite(se);
+  const auto end = [&](const std::optional<double>& of_interval, double bound, double sign) {
+    const double farthest = std::isfinite(bound) ? fitted(estimate.spec, bound) : sign * infinity;
+    const double wanted = of_interval ? centre + 2 * (fitted(estimate.spec, *of_interval) - centre)
+                          : has_none  ? centre + sign * 6 * se
+                                      : farthest;
+    const double q = sign > 0 ? std::min(wanted, farthest) : std::max(wanted, farthest);
+    if (!std::isfinite(q))
+      throw InputError(
+          fmt::format("{}: its profile goes to its bounds, and it has none on one side; give it both, as in "
+                      "[fit.free.{}] lower = \"...\", upper = \"...\"",
+                      estimate.spec.id, estimate.spec.id));
+    return q;
+  };
+  return {end(estimate.lower95, estimate.lower, -1), end(estimate.upper95, estimate.upper, 1)};
+}
+
+/// 0, 1, 1/2, 1/4, 3/4, 1/8, ...: evenly, however many there are (van der Corput's sequence after the ends).
+double halving(unsigned number) {
+  if (number < 2) return number;
+  double place = 0, part = 0.5;
+  for (unsigned digits = number - 1; digits > 0; digits /= 2, part /= 2) place += part * (digits % 2);
+  return place;
+}
+
 /// Makes members one by one.
 class Members {
  public:
@@ -102,6 +146,7 @@ class Members {
     try {
       EnsembleMember member = task_.kind == EnsembleKind::posterior   ? drawn(number)
                               : task_.kind == EnsembleKind::bootstrap ? refitted(number)
+                              : task_.kind == EnsembleKind::profiles  ? held_at(number)
                                                                       : from_elsewhere(number);
       if (options_.stop != nullptr && options_.stop->load()) return std::nullopt;
       return member;
@@ -194,6 +239,40 @@ class Members {
     return as_member(fit(protocol_, bench_.measurements(), free, options_));
   }
 
+  /// The others' best where one parameter has been moved along its profile, to which they start on the parabola.
+  EnsembleMember held_at(unsigned number) {
+    const size_t one = number % free_.size();
+    const auto [low, high] = profile_range(fit_.parameters[one]);
+    const double q = std::lerp(low, high, halving(number / static_cast<unsigned>(free_.size())));
+    const auto scaled = [&](size_t j) { return fitted(fit_.parameters[j].spec, fit_.parameters[j].value); };
+    const auto j = static_cast<Eigen::Index>(one);
+    FitOptions options = options_;
+    const double value = unfitted(fit_.parameters[one].spec, q);
+    options.held[free_[one].index] = value;
+    std::vector<FreeParameter> others;
+    for (size_t k = 0; k < free_.size(); ++k) {
+      if (k == one) continue;
+      FreeParameter& other = others.emplace_back(free_[k]);
+      const double slope = fit_.covariance(static_cast<Eigen::Index>(k), j) / fit_.covariance(j, j);
+      const double start = unfitted(fit_.parameters[k].spec, scaled(k) + slope * (q - scaled(one)));
+      if (std::isfinite(start)) other.start = std::clamp(start, other.lower, other.upper);
+    }
+    protocol_.restore(state_);
+    EnsembleMember member;
+    if (others.empty()) {
+      const Prediction there = protocol_.predict(options.held, {});
+      if (!there.complete()) return {there.failures.front()};
+      member = {fine, {}, 0, noise_scaled(there, bench_.measurements()).residuals.squaredNorm()};
+      member.predicted.assign(there.values.begin(), there.values.end());
+      member.evaluations = 1;
+    } else {
+      member = as_member(fit(protocol_, bench_.measurements(), others, options));
+      if (member.status != fine) return member;
+    }
+    member.values.insert(member.values.begin() + j, value);
+    return member;
+  }
+
   static EnsembleMember as_member(const FitResult& found) {
     EnsembleMember member{found.status == FitStatus::converged ? fine : std::string(name_of(found.status))};
     member.evaluations = found.evaluations;
@@ -216,30 +295,101 @@ class Members {
   std::map<std::string, std::vector<size_t>> trials_;  ///< places of their measurements
 };
 
-/// A member's value on the fitted scale.
-double fitted(const ParameterSpec& spec, double value) {
-  return spec.logarithmic ? std::log(value) : value;
+/// What ends on the fitted scale say of the parabola's, each as a part of its half width.
+std::string verdict_on(double low, double high, double allowed, double width) {
+  if (std::abs(low - 1) <= allowed && std::abs(high - 1) <= allowed)
+    return fmt::format("good (its ends within {:.0f} %)", 100 * allowed);
+  if (width > 1 + allowed / std::sqrt(2)) return fmt::format("too narrow by {:.2g}", width);
+  if (width < 1 - allowed / std::sqrt(2)) return fmt::format("too wide by {:.2g}", 1 / width);
+  return fmt::format("{} by {:.2g} standard errors", high > low ? "too low" : "too high",
+                     z95 * std::abs(high - low) / 2);
 }
+
+constexpr const char* no_parabola = "it has none: the readings do not define it";
 
 std::string verdict_on(const WeightedValues& drawn, const ParameterEstimate& estimate, double effective,
                        EnsembleMarginal& marginal) {
-  const double value = fitted(estimate.spec, estimate.value),
-               se = estimate.standard_error / (estimate.spec.logarithmic ? estimate.value : 1);
+  const double value = fitted(estimate.spec, estimate.value), se = fitted_se(estimate);
   marginal.width = marginal.width_error = not_a_number;
-  if (!(se > 0) || !std::isfinite(se)) return "it has none: the readings do not define it";
+  if (!(se > 0) || !std::isfinite(se)) return no_parabola;
   // An end's standard error is sqrt(p (1 - p) / n) over the density there, 1.36 / sqrt(n) of a normal half width.
   const double doubt = 2 * 1.36 / std::sqrt(effective);
   const double low = (value - drawn.quantile(0.025)) / (z95 * se), high = (drawn.quantile(0.975) - value) / (z95 * se);
   marginal.width = (low + high) / 2;
   marginal.width_error = doubt / std::sqrt(2);
   if (doubt > 0.5) return fmt::format("not known: {:.0f} effective members are too few", effective);
-  const double allowed = std::max(of_good_ends, doubt);
-  if (std::abs(low - 1) <= allowed && std::abs(high - 1) <= allowed)
-    return fmt::format("good (its ends within {:.0f} %)", 100 * allowed);
-  if (marginal.width > 1 + allowed / std::sqrt(2)) return fmt::format("too narrow by {:.2g}", marginal.width);
-  if (marginal.width < 1 - allowed / std::sqrt(2)) return fmt::format("too wide by {:.2g}", 1 / marginal.width);
-  return fmt::format("{} by {:.2g} standard errors", high > low ? "too low" : "too high",
-                     z95 * std::abs(high - low) / 2);
+  return verdict_on(low, high, std::max(of_good_ends, doubt), marginal.width);
+}
+
+/// What a profile says of its parameter: the outermost places where it crosses the rise of a 95 % interval, found on
+/// straight lines between the roots of the rises, in which a parabola is straight.
+EnsembleMarginal marginal_of(const ProfileGrid& grid, const ParameterEstimate& estimate) {
+  EnsembleMarginal marginal;
+  marginal.id = estimate.spec.id;
+  marginal.unit = estimate.spec.unit;
+  marginal.median = estimate.value;
+  marginal.mean = marginal.deviation = marginal.lower95 = marginal.upper95 = not_a_number;
+  marginal.width = marginal.width_error = not_a_number;
+  if (grid.size() < fewest_places) {
+    marginal.verdict = fmt::format("not known: {} places are too few", grid.size());
+    return marginal;
+  }
+  const auto inside = [](const std::pair<double, double>& place) { return place.second <= profile_rise; };
+  const auto scaled = [&](const std::pair<double, double>& place) { return fitted(estimate.spec, place.first); };
+  const auto crossing = [&](const std::pair<double, double>& in, const std::pair<double, double>& out) {
+    const double from = std::sqrt(std::max(in.second, 0.0)), to = std::sqrt(out.second);
+    return std::lerp(scaled(in), scaled(out), (z95 - from) / (to - from));
+  };
+  int pieces = 0;
+  for (size_t k = 0; k < grid.size(); ++k) pieces += inside(grid[k]) && (k == 0 || !inside(grid[k - 1]));
+  const auto first = std::ranges::find_if(grid, inside);
+  const auto last = std::ranges::find_if(grid.rbegin(), grid.rend(), inside);
+  marginal.median = std::ranges::min_element(grid, {}, &std::pair<double, double>::second)->first;
+  const double value = fitted(estimate.spec, estimate.value), half = z95 * fitted_se(estimate);
+  double low = not_a_number, high = not_a_number;
+  std::string open;
+  if (first != grid.begin()) {
+    low = crossing(*first, *std::prev(first));
+    marginal.lower95 = unfitted(estimate.spec, low);
+  } else {
+    open += fmt::format("; open below: a rise of {:.2g} at {}", grid.front().second,
+                        with_unit(grid.front().first, estimate.spec.unit));
+  }
+  if (last != grid.rbegin()) {
+    high = crossing(*last, *std::prev(last));
+    marginal.upper95 = unfitted(estimate.spec, high);
+  } else {
+    open += fmt::format("; open above: a rise of {:.2g} at {}", grid.back().second,
+                        with_unit(grid.back().first, estimate.spec.unit));
+  }
+  if (!(half > 0) || !std::isfinite(half)) {
+    marginal.verdict = no_parabola;
+  } else if (!open.empty()) {
+    marginal.verdict = "wrong, it has two ends";
+  } else {
+    marginal.width = (high - low) / (2 * half);
+    marginal.width_error = 0;
+    marginal.verdict = verdict_on((value - low) / half, (high - value) / half, of_good_ends, marginal.width);
+  }
+  marginal.verdict += open;
+  if (pieces > 1) marginal.verdict += fmt::format("; the readings allow {} ranges apart from each other", pieces);
+  return marginal;
+}
+
+/// Members by the parameter that is held, with the optimum.
+void describe_profiles(const std::vector<std::optional<EnsembleMember>>& members, const FitResult& fit,
+                       EnsembleRecord& record) {
+  const size_t count = fit.parameters.size();
+  for (size_t j = 0; j < count; ++j) {
+    ProfileGrid grid{{fit.parameters[j].value, 0.0}};
+    for (size_t k = j; k < members.size(); k += count) {
+      if (members[k] && members[k]->status == fine)
+        grid.emplace_back(members[k]->values[j], members[k]->chi_squared - fit.chi_squared);
+    }
+    std::ranges::sort(grid);
+    record.parameters.push_back(marginal_of(grid, fit.parameters[j]));
+    record.profiles.push_back(std::move(grid));
+  }
 }
 
 /// Ends that lie where the prior ends rather than where readings do: a thousandth of the weight within the last
@@ -342,6 +492,10 @@ std::string method_of(EnsembleKind kind, const Bench& bench) {
            "it was declared, and a prior that is flat between the bounds, of moduli and stiffnesses in their "
            "logarithm. "
            "They stay in the valley of the optimum.";
+  if (kind == EnsembleKind::profiles)
+    return "Fits with one parameter held at places along its range, twice as far out as its 95 % interval, or to its "
+           "bounds where that is open. Its profile's interval is where chi squared, least over all others, rises by "
+           "3.84 at most.";
   if (kind == EnsembleKind::starts)
     return "Fits from starts that were drawn between the bounds, of moduli and stiffnesses evenly in their logarithm.";
   std::set<std::string> trials;
@@ -374,6 +528,13 @@ std::string summary_of(const EnsembleRecord& record, EnsembleKind kind, const Fi
   if (record.parameters.empty())
     return fmt::format("{} members have values: too few to describe a distribution.",
                        record.finished - record.failed - record.outside);
+  double lowest = 0;
+  for (const ProfileGrid& grid : record.profiles) {
+    for (const auto& [value, rise] : grid) lowest = std::min(lowest, rise);
+  }
+  if (lowest < -lower_minimum - 1e-4 * fit.chi_squared)
+    return fmt::format("Chi squared falls to {:.4g} along a profile, BELOW THE FIT'S {:.4g}: fit again from there.",
+                       fit.chi_squared + lowest, fit.chi_squared);
   std::string good, bad;
   for (const EnsembleMarginal& one : record.parameters) {
     if (one.verdict.starts_with("good"))
@@ -402,6 +563,8 @@ std::string_view name_of(EnsembleKind kind) {
       return "bootstrap";
     case EnsembleKind::starts:
       return "starts";
+    case EnsembleKind::profiles:
+      return "profiles";
   }
   return "";
 }
@@ -461,6 +624,8 @@ EnsembleRecord summed_up(const std::vector<std::optional<EnsembleMember>>& membe
   record.effective = effective_number(weights);
   if (task.kind == EnsembleKind::starts) {
     find_minima(made, record);
+  } else if (task.kind == EnsembleKind::profiles) {
+    describe_profiles(members, fit, record);
   } else if (static_cast<int>(made.size()) >= fewest_members) {
     describe_parameters(made, weights, fit, shares, record);
     find_bands(made, weights, bench, record);

@@ -4,6 +4,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "calib/benches/bench.hpp"
@@ -17,7 +18,8 @@ namespace taut {
 enum class EnsembleKind {
   posterior,  ///< draws from the posterior of the parameters (calib/fit/posterior.hpp)
   bootstrap,  ///< fits of readings that were drawn anew
-  starts      ///< fits of the readings from elsewhere within the bounds
+  starts,     ///< fits of the readings from elsewhere within the bounds
+  profiles    ///< fits with one parameter held, at places along each in turn: profile likelihood
 };
 std::string_view name_of(EnsembleKind kind);  ///< "posterior"
 
@@ -48,8 +50,8 @@ std::vector<std::optional<EnsembleMember>> run_ensemble(const Bench& bench, cons
 /// What an ensemble says of a parameter, SI.
 struct EnsembleMarginal {
   std::string id, unit;
-  double mean = 0, deviation = 0;
-  double lower95 = 0, median = 0, upper95 = 0;
+  double mean = 0, deviation = 0;               ///< of profiles NaN
+  double lower95 = 0, median = 0, upper95 = 0;  ///< of profiles the lowest place between ends that are NaN where open
   std::optional<double> total_lower95, total_upper95;  ///< with all shares that count; posterior only
   /// Width over that of the parabola's 95 % interval, on the fitted scale, and two Monte-Carlo standard errors of it;
   /// NaN: the parabola has none.
@@ -63,6 +65,9 @@ struct EnsembleMinimum {
   int starts = 0;              ///< that ended there
   std::vector<double> values;  ///< of the free parameters, SI
 };
+
+/// Rises of chi squared, minimised over all other parameters, at values [SI] of one, ascending.
+using ProfileGrid = std::vector<std::pair<double, double>>;
 
 /// An ensemble as it is written to fit.json.
 struct EnsembleRecord {
@@ -80,6 +85,7 @@ struct EnsembleRecord {
   std::vector<std::vector<double>> drawn;
   std::vector<double> weights;
   std::vector<EnsembleMinimum> minima;  ///< of starts, the lowest first
+  std::vector<ProfileGrid> profiles;    ///< of profiles, in the order of the fit's parameters
   std::vector<std::string> failures;    ///< distinct reasons, the first few
   std::string verdict;                  ///< one sentence for people
 };

@@ -21,13 +21,15 @@ namespace {
 namespace po = boost::program_options;
 
 EnsembleTask task_of(const CommandOptions& options) {
-  constexpr EnsembleKind kinds[] = {EnsembleKind::posterior, EnsembleKind::bootstrap, EnsembleKind::starts};
+  constexpr std::pair<EnsembleKind, unsigned> kinds[] = {{EnsembleKind::posterior, 500},
+                                                         {EnsembleKind::bootstrap, 500},
+                                                         {EnsembleKind::starts, 50},
+                                                         {EnsembleKind::profiles, 100}};
   std::vector<std::string> names;
-  for (const EnsembleKind kind : kinds) {
+  for (const auto& [kind, count] : kinds) {
     names.emplace_back(name_of(kind));
-    if (options.name != names.back()) continue;
-    return {kind, members_asked(options.members, "--members", kind == EnsembleKind::starts ? 50 : 500),
-            seed_of(options)};
+    if (options.name == names.back())
+      return {kind, members_asked(options.members, "--members", count), seed_of(options)};
   }
   throw InputError(fmt::format("taut ensemble: '{}' is no ensemble{}; ensembles: {}", options.name,
                                did_you_mean(options.name, names), join(names)));
@@ -48,7 +50,8 @@ int ensemble_main(const CommandOptions& options) {
 }
 
 void add_ensemble_options(AddOption add, CommandOptions& options) {
-  add("members", po::value(&options.members)->value_name("N"), "how many; default: 500, of starts 50");
+  add("members", po::value(&options.members)->value_name("N"),
+      "how many; default: 500, of starts 50, of profiles 100 over all parameters");
   add("seed", po::value(&options.seed)->value_name("N"), "of what is drawn; default: 1");
   add_shard(add, options);
   add_threads(add, options);
@@ -59,13 +62,14 @@ void add_ensemble_options(AddOption add, CommandOptions& options) {
 Command ensemble_command() {
   Command command{
       "ensemble",
-      "posterior|bootstrap|starts RUN_FOLDER",
-      "Draws from the posterior of a run's parameters, fits readings that are drawn anew (bootstrap), or fits "
-      "from other starts: on several cores or machines under mpirun or by --shard, resumable, the same "
+      "posterior|bootstrap|starts|profiles RUN_FOLDER",
+      "Draws from the posterior of a run's parameters, fits readings that are drawn anew (bootstrap), fits from "
+      "other starts, or along the profile of each parameter: on several cores or machines under mpirun or by --shard, "
+      "resumable, the same "
       "result to the last digit.",
       "  taut ensemble posterior runs/foam_cantilever --members 200\n"
       "  mpirun -n 4 taut ensemble bootstrap runs/push_puppet\n"
-      "  taut ensemble posterior runs/push_puppet --shard 2/4\n",
+      "  taut ensemble profiles runs/push_puppet --shard 2/4\n",
       add_ensemble_options,
       ensemble_main,
       {&CommandOptions::name, &CommandOptions::target}};

@@ -4,6 +4,7 @@
 
 #include <boost/program_options.hpp>
 #include <charconv>
+#include <cmath>
 #include <limits>
 #include <nlohmann/json.hpp>
 
@@ -47,6 +48,7 @@ Json json_of(const EnsembleRun& run) {
   }
   for (const EnsembleMinimum& one : record.minima)
     json["minima"].push_back({{"chi_squared", one.chi_squared}, {"starts", one.starts}, {"values", one.values}});
+  if (!record.profiles.empty()) json["profiles"] = record.profiles;
   return json;
 }
 
@@ -56,12 +58,18 @@ void print_text(const EnsembleRecord& record) {
       record.outside > 0 ? fmt::format(", {} where the prior is zero", record.outside) : "",
       record.kind == "posterior" ? fmt::format("; they say as much as {:.0f} equal ones", record.effective) : "");
   if (!record.parameters.empty()) {
-    fmt::print("{:<14} {:>14} {:>30} {:>9}  {}\n", "parameter", "median", "95 % interval", "width",
-               "the parabola's interval is");
+    const bool profiles = !record.profiles.empty();
+    fmt::print("{:<14} {:>14} {:>30} {:>9}  {}\n", "parameter", profiles ? "lowest at" : "median", "95 % interval",
+               "width", "the parabola's interval is");
+    const auto end = [](double value, const std::string& unit) {
+      return std::isfinite(value) ? with_unit(value, unit) : "open";
+    };
     for (const EnsembleMarginal& one : record.parameters)
       fmt::print("{:<14} {:>14} {:>30} {:>9}  {}\n", one.id, with_unit(one.median, one.unit),
-                 fmt::format("{} .. {}", with_unit(one.lower95, one.unit), with_unit(one.upper95, one.unit)),
-                 std::isfinite(one.width) ? fmt::format("{:.2f}+-{:.2f}", one.width, one.width_error) : "-",
+                 fmt::format("{} .. {}", end(one.lower95, one.unit), end(one.upper95, one.unit)),
+                 !std::isfinite(one.width) ? "-"
+                 : profiles                ? fmt::format("{:.2f}", one.width)
+                                           : fmt::format("{:.2f}+-{:.2f}", one.width, one.width_error),
                  one.verdict);
   }
   for (const EnsembleMinimum& one : record.minima)

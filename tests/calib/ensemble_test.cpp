@@ -3,9 +3,12 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
+#include "calib/fit/distributions.hpp"
 #include "calib/fit/posterior.hpp"
 #include "calib/runs/open_bench.hpp"
 #include "calib/studies/sbc.hpp"
@@ -121,9 +124,89 @@ TEST_F(Ensemble, AllStartsOfOneValleyEndInIt) {
   EXPECT_NEAR(record.minima[0].values[0] / fit_.parameters[0].value, 1, 1e-3);
 }
 
+/// chi^2 = a / E^2 - 2 b / E + c.
+TEST_F(Ensemble, TheProfileOfAComplianceHasTheEndsOfItsParabola) {
+  open(four_readings);
+  const EnsembleRecord record = summed(EnsembleKind::profiles, 33);
+  const double E = fit_.parameters[0].value;
+  double a = 0;
+  for (const Measurement& one : bench_->measurements()) a += std::pow(fit_.predicted[one.row] * E / one.sigma, 2);
+  ASSERT_EQ(record.profiles.size(), 1U);
+  EXPECT_EQ(record.profiles[0].size(), 34U);  // and the optimum
+  for (const auto& [value, rise] : record.profiles[0])
+    EXPECT_NEAR(rise, a * std::pow(1 / value - 1 / E, 2), 0.01 * rise + 1e-6) << value;
+  ASSERT_EQ(record.parameters.size(), 1U);
+  EXPECT_NEAR(record.parameters[0].lower95 * (1 / E + z95 / std::sqrt(a)), 1, 2e-3);
+  EXPECT_NEAR(record.parameters[0].upper95 * (1 / E - z95 / std::sqrt(a)), 1, 2e-3);
+  EXPECT_NEAR(record.parameters[0].median, E, 1e-9 * E);
+  EXPECT_EQ(record.evaluations, 1) << "nothing else is free";
+}
+
+/// Readings y = c / E + zero: chi^2 rises by (1/E - 1/E')^2 / C along E, with C from the normal equations of both.
+TEST_F(Ensemble, AProfileLetsTheOtherParametersFollow) {
+  folder_.write("bench.csv",
+                "trial,pull_N,none_N,tip_mm\n1,0.002,0,0.042\n1,0.006,0,0.091\n1,0.01,0,0.155\n1,0.014,0,0.201\n");
+  const std::string toml = replaced(
+      replaced(replaced(beam_toml, "[[channel]]",
+                        "[[load]]\nid = \"none\"\non = \"xmax\"\ndirection = [1, 0]\ncolumn = \"none_N\"\n[[channel]]"),
+               "[bench]",
+               "[fit.free.zero_1]\nlower = \"-1 mm\"\nupper = \"1 mm\"\n[bench]\nzero_offset_per = \"none\""),
+      "absolute = \"0.1 mm\"", "absolute = \"0.01 mm\"");
+  bench_ = open_bench(folder_.write("experiment.toml", toml));
+  fit_ = fit(bench_->protocol(), bench_->measurements(), bench_->free());
+  ASSERT_EQ(fit_.status, FitStatus::converged);
+  const EnsembleRecord record = summed(EnsembleKind::profiles, 66);
+  const bool first = fit_.parameters[0].spec.id == "E_foam";
+  const size_t of_E = first ? 0 : 1, of_zero = first ? 1 : 0;
+  const double E = fit_.parameters[of_E].value, zero = fit_.parameters[of_zero].value;
+  Eigen::Matrix2d N = Eigen::Matrix2d::Zero();
+  for (const Measurement& one : bench_->measurements()) {
+    const Eigen::Vector2d row((fit_.predicted[one.row] - zero) * E, 1);
+    N += row * row.transpose() / (one.sigma * one.sigma);
+  }
+  const Eigen::Matrix2d C = N.inverse();
+  ASSERT_EQ(record.parameters.size(), 2U);
+  ASSERT_EQ(record.failed, 0);
+  EXPECT_NEAR(record.parameters[of_E].lower95 * (1 / E + z95 * std::sqrt(C(0, 0))), 1, 5e-3);
+  EXPECT_NEAR(record.parameters[of_E].upper95 * (1 / E - z95 * std::sqrt(C(0, 0))), 1, 5e-3);
+  const double half = z95 * std::sqrt(C(1, 1));
+  EXPECT_NEAR(record.parameters[of_zero].lower95, zero - half, 5e-3 * half);
+  EXPECT_NEAR(record.parameters[of_zero].upper95, zero + half, 5e-3 * half);
+  EXPECT_TRUE(record.parameters[of_zero].verdict.starts_with("good")) << record.parameters[of_zero].verdict;
+}
+
+/// A bound that is met before chi squared has risen by 3.84.
+TEST_F(Ensemble, AProfileIsOpenWhereItsBoundComesFirst) {
+  folder_.write("bench.csv", four_readings);
+  const std::string toml = "model = \"beam\"\n" + replaced(beam_toml, "absolute = \"0.1 mm\"", "absolute = \"10 mm\"");
+  bench_ = open_bench(folder_.write("experiment.toml", toml));
+  fit_ = fit(bench_->protocol(), bench_->measurements(), bench_->free());
+  ASSERT_EQ(fit_.status, FitStatus::converged);
+  const EnsembleRecord record = summed(EnsembleKind::profiles, 20);
+  ASSERT_EQ(record.parameters.size(), 1U);
+  EXPECT_TRUE(std::isfinite(record.parameters[0].lower95));
+  EXPECT_TRUE(std::isnan(record.parameters[0].upper95));
+  EXPECT_NE(record.parameters[0].verdict.find("open above"), std::string::npos) << record.parameters[0].verdict;
+  EXPECT_NEAR(record.profiles[0].back().first, 10e6, 1);
+}
+
+/// More members lie between those that are there.
+TEST_F(Ensemble, ALargerNumberAddsToAProfile) {
+  open(four_readings);
+  const auto few = members(EnsembleKind::profiles, 9, "grid.csv"),
+             many = members(EnsembleKind::profiles, 17, "grid.csv");
+  for (size_t k = 0; k < few.size(); ++k) EXPECT_EQ(few[k]->values, many[k]->values);
+  std::vector<double> places;
+  for (const auto& member : many) places.push_back(std::log(member->values[0]));
+  std::ranges::sort(places);
+  for (size_t k = 2; k < places.size(); ++k)
+    EXPECT_NEAR(places[k] - places[k - 1], places[1] - places[0], 1e-9) << "seventeen divide the range evenly";
+}
+
 TEST_F(Ensemble, IsTheSameInOnePieceAndInParts) {
   open(four_readings);
-  for (const EnsembleKind kind : {EnsembleKind::posterior, EnsembleKind::bootstrap, EnsembleKind::starts}) {
+  for (const EnsembleKind kind :
+       {EnsembleKind::posterior, EnsembleKind::bootstrap, EnsembleKind::starts, EnsembleKind::profiles}) {
     const std::string whole = ensemble_csv(members(kind, 9, "whole" + std::string(name_of(kind)) + ".csv"), fit_);
     const std::string parts = "parts" + std::string(name_of(kind)) + ".csv";
     for (const size_t index : {1, 2, 0}) {
@@ -133,6 +216,7 @@ TEST_F(Ensemble, IsTheSameInOnePieceAndInParts) {
       EXPECT_TRUE(own[index].has_value());
     }
     EXPECT_EQ(ensemble_csv(members(kind, 9, parts), fit_), whole) << name_of(kind);
+    if (kind == EnsembleKind::profiles) continue;  // nothing is drawn
     EXPECT_NE(ensemble_csv(run_ensemble(*bench_, fit_, {kind, 9, 2}, options(parts)), fit_), whole) << "another seed";
   }
 }
