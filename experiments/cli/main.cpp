@@ -22,6 +22,7 @@
 #include "experiments/cli/version.hpp"
 #include "reports/report.hpp"
 #include "sim/core/error.hpp"
+#include "sim/core/text_encoding.hpp"
 #include "sim/solve/cholesky.hpp"
 
 namespace taut {
@@ -160,9 +161,11 @@ int run(const std::vector<std::string>& arguments) {
                                join(names)));
 }
 
-/// Without the middle of what is too long to be read: messages quote what files hold, whatever that is.
-std::string readable(const std::string& message) {
+/// On one line, and without the middle of what is too long to be read: messages quote what files hold, whatever that
+/// is.
+std::string readable(std::string_view text) {
   constexpr size_t most = 1500, end = 300;
+  const std::string message = on_one_line(text);
   if (message.size() <= most) return message;
   return message.substr(0, most - end) + " ... " + message.substr(message.size() - end);
 }
@@ -193,7 +196,7 @@ int system_failure(const std::system_error& error) {
   if (error.code() == std::errc::resource_unavailable_try_again || error.code() == std::errc::not_enough_memory)
     return out_of_memory();
   if (dynamic_cast<const std::filesystem::filesystem_error*>(&error) != nullptr) {
-    std::cerr << "taut: " << error.what() << "\n";
+    std::cerr << "taut: " << readable(error.what()) << "\n";
     return exit_input;
   }
   if (std::ferror(stdout) == 0) std::cerr << "taut: the system refuses something: " << error.what() << "\n";
@@ -208,7 +211,7 @@ int guarded(const std::vector<std::string>& arguments) {
     std::cerr << "taut: " << readable(error.what()) << "\n";
     return exit_input;
   } catch (const po::error& error) {
-    std::cerr << "taut: " << error.what() << "; `taut --help` tells what is allowed\n";
+    std::cerr << "taut: " << readable(error.what()) << "; `taut --help` tells what is allowed\n";
     return exit_input;
   } catch (const std::bad_alloc&) {
     return out_of_memory();

@@ -90,4 +90,16 @@ DecodedText decoded(std::string bytes, const std::string& path) {
   return result;
 }
 
+std::string on_one_line(std::string_view text) {
+  std::string line;
+  for (const char c : text) {
+    const auto byte = static_cast<unsigned char>(c);
+    if (byte >= 0x20 && byte != 0x7F)
+      line += c;
+    else
+      line += c == '\n' ? "\\n" : c == '\t' ? "\\t" : fmt::format("\\x{:02X}", byte);
+  }
+  return line;
+}
+
 }  // namespace taut

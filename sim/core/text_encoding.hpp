@@ -1,5 +1,6 @@
 #pragma once
 #include <string>
+#include <string_view>
 
 namespace taut {
 
@@ -13,5 +14,9 @@ struct DecodedText {
 /// The bytes of the file at `path` as UTF-8: bytes that are none are taken as cp1252, which Latin-1 is part of. Throws
 /// InputError, with the byte and the remedy, for workbooks (.xlsx, .xls), UTF-16 and zero bytes.
 DecodedText decoded(std::string bytes, const std::string& path);
+
+/// The text with its control characters as they are escaped in strings, "\n" and "\x1B": on one line, and without
+/// orders to a terminal. For messages that quote what a stranger's file holds.
+std::string on_one_line(std::string_view text);
 
 }  // namespace taut

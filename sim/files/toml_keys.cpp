@@ -96,7 +96,8 @@ std::map<std::string, TomlValue> toml_values(const std::string& path) {
   try {
     collect(toml::parse(decoded(bytes, path).text), "", values);
   } catch (const toml::parse_error& error) {
-    throw InputError(fmt::format("{}:{}: not TOML: {}", path, error.source().begin.line, error.description()));
+    throw InputError(
+        fmt::format("{}:{}: not TOML: {}", path, error.source().begin.line, on_one_line(error.description())));
   }
   return values;
 }

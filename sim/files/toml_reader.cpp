@@ -127,6 +127,11 @@ namespace {
 
 constexpr double most_of_toml = 64e6;  // [bytes]
 
+InputError not_toml(const std::string& path, const toml::parse_error& error) {
+  return InputError(
+      fmt::format("{}:{}: not valid TOML: {}", path, error.source().begin.line, on_one_line(error.description())));
+}
+
 }  // namespace
 
 TomlFile::TomlFile(const std::string& path) : path_(path) {
@@ -135,7 +140,7 @@ TomlFile::TomlFile(const std::string& path) : path_(path) {
     remark_ = text.remark();
     document_ = std::make_shared<const toml::table>(toml::parse(text.text, path));
   } catch (const toml::parse_error& error) {
-    throw InputError(fmt::format("{}:{}: not valid TOML: {}", path, error.source().begin.line, error.description()));
+    throw not_toml(path, error);
   }
 }
 
@@ -143,7 +148,7 @@ TomlFile::TomlFile(const std::string& path, std::string_view text) : path_(path)
   try {
     document_ = std::make_shared<const toml::table>(toml::parse(text, path));
   } catch (const toml::parse_error& error) {
-    throw InputError(fmt::format("{}:{}: not valid TOML: {}", path, error.source().begin.line, error.description()));
+    throw not_toml(path, error);
   }
 }
 

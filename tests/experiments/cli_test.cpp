@@ -118,6 +118,17 @@ TEST_F(Command, WrongUsageIsExitCodeTwoWithASentenceOnStderr) {
   EXPECT_EQ(taut({}).code, 2);
 }
 
+TEST_F(Command, AMessageIsOneLineWhateverTheFileHolds) {
+  for (const std::string wrong : {"\"a\\nb\\u001b[2J\" = 1\n", "title = t\n", "model = \"be\\nam\"\n"}) {
+    folder_.write("beam/experiment.toml", wrong + beam_toml);
+    const Outcome outcome = taut({"check", experiment_});
+    EXPECT_EQ(outcome.code, 2);
+    EXPECT_EQ(outcome.err.find('\n'), outcome.err.size() - 1) << outcome.err;
+    EXPECT_EQ(outcome.err.find('\x1b'), std::string::npos);
+    EXPECT_NE(outcome.err.find("\\n"), std::string::npos) << outcome.err;
+  }
+}
+
 TEST_F(Command, WrongInputLeavesNothingBehind) {
   folder_.write("beam/experiment.toml", replaced(beam_toml, "nu = 0.3", "nu = 0.7"));
   for (const std::string command : {"check", "replay", "fit"}) {
