@@ -34,7 +34,8 @@ EnsembleWords words_of(const EnsembleRecord& ensemble) {
 }
 
 std::string counts_of(const EnsembleRecord& ensemble) {
-  std::string text = fmt::format("{} {} (seed {})", ensemble.finished, words_of(ensemble).members, ensemble.seed);
+  std::string text = fmt::format("{} {}", ensemble.finished, words_of(ensemble).members);
+  if (ensemble.profiles.empty()) text += fmt::format(" (seed {})", ensemble.seed);
   if (ensemble.failed > 0) text += fmt::format(", {} of them without a result", ensemble.failed);
   if (ensemble.outside > 0) text += fmt::format(", {} where the prior is zero", ensemble.outside);
   if (ensemble.kind == name_of(EnsembleKind::posterior))
