@@ -342,26 +342,22 @@ EnsembleMarginal marginal_of(const ProfileGrid& grid, const ParameterEstimate& e
   };
   int pieces = 0;
   for (size_t k = 0; k < grid.size(); ++k) pieces += inside(grid[k]) && (k == 0 || !inside(grid[k - 1]));
-  const auto first = std::ranges::find_if(grid, inside);
-  const auto last = std::ranges::find_if(grid.rbegin(), grid.rend(), inside);
   marginal.median = std::ranges::min_element(grid, {}, &std::pair<double, double>::second)->first;
   const double value = fitted(estimate.spec, estimate.value), half = z95 * fitted_se(estimate);
-  double low = not_a_number, high = not_a_number;
   std::string open;
-  if (first != grid.begin()) {
-    low = crossing(*first, *std::prev(first));
-    marginal.lower95 = unfitted(estimate.spec, low);
-  } else {
-    open += fmt::format("; open below: a rise of {:.2g} at {}", grid.front().second,
-                        with_unit(grid.front().first, estimate.spec.unit));
-  }
-  if (last != grid.rbegin()) {
-    high = crossing(*last, *std::prev(last));
-    marginal.upper95 = unfitted(estimate.spec, high);
-  } else {
-    open += fmt::format("; open above: a rise of {:.2g} at {}", grid.back().second,
-                        with_unit(grid.back().first, estimate.spec.unit));
-  }
+  const auto end_of = [&](auto outermost, auto edge, const char* side, double& end) {
+    if (outermost == edge) {
+      open += fmt::format("; open {}: a rise of {:.2g} at {}", side, edge->second,
+                          with_unit(edge->first, estimate.spec.unit));
+      return not_a_number;
+    }
+    const double q = crossing(*outermost, *std::prev(outermost));
+    end = unfitted(estimate.spec, q);
+    return q;
+  };
+  const double low = end_of(std::ranges::find_if(grid, inside), grid.begin(), "below", marginal.lower95);
+  const double high =
+      end_of(std::find_if(grid.rbegin(), grid.rend(), inside), grid.rbegin(), "above", marginal.upper95);
   if (!(half > 0) || !std::isfinite(half)) {
     marginal.verdict = no_parabola;
   } else if (!open.empty()) {
