@@ -20,6 +20,14 @@ double largest(const Eigen::VectorXd& v) {
   return v.size() == 0 ? 0.0 : v.cwiseAbs().maxCoeff();
 }
 
+/// Whether two modes in space move each node as far, in other directions: a square column bends one way, and across it.
+bool move_alike(const Eigen::VectorXd& one, const Eigen::VectorXd& other) {
+  const auto sizes = [](const Eigen::VectorXd& all) {
+    return Eigen::VectorXd(all.reshaped(3, all.size() / 3).colwise().norm().transpose()).normalized().eval();
+  };
+  return sizes(one).dot(sizes(other)) > 0.99;
+}
+
 }  // namespace
 
 std::string_view name_of(SolveStatus status) {
@@ -299,14 +307,6 @@ std::string Equilibrium::heading(const Eigen::VectorXd& direction) const {
   return fmt::format("{}{}", sum < 0 ? '-' : '+', "xyz"[most]);
 }
 
-/// Whether two modes move each node as far, in other directions: a square column bends one way, and across it.
-bool alike(const Eigen::VectorXd& one, const Eigen::VectorXd& other) {
-  const auto sizes = [](const Eigen::VectorXd& all) {
-    return Eigen::VectorXd(all.reshaped(3, all.size() / 3).colwise().norm().transpose()).normalized().eval();
-  };
-  return sizes(one).dot(sizes(other)) > 0.99;
-}
-
 /// At a stationary point whose exact Hessian is not positive definite: finds the direction of the lowest eigenvalue and
 /// steps along it, to the side of lower energy; of two that are alike to the one that push() has a share in, and of two
 /// modes that are, in space, to the one between them that is nearest to it: they are one branch, whose sides are a
@@ -321,7 +321,7 @@ bool Equilibrium::leave_saddle(Eigen::VectorXd& u, const Params& p) {
   bool several = curvature(second) < 0;
   Eigen::VectorXd direction = hessian_.reduction().extend_from_free(u, mode);
   const Eigen::VectorXd other = hessian_.reduction().extend_from_free(u, second);
-  if (model_->mesh().dimension() == 3 && curvature(second) < 0.9 * curvature(mode) && alike(direction, other)) {
+  if (model_->mesh().dimension() == 3 && curvature(second) < 0.9 * curvature(mode) && move_alike(direction, other)) {
     several = false;
     direction =
         push().dot(direction) / direction.squaredNorm() * direction + push().dot(other) / other.squaredNorm() * other;
