@@ -14,7 +14,8 @@ namespace taut {
 namespace {
 
 constexpr double epsilon = std::numeric_limits<double>::epsilon();
-constexpr double inexact = 0.03;  ///< residual of a Newton step that is found by iteration, of its gradient
+constexpr double inexact = 0.03;     ///< residual of a Newton step that is found by iteration, of its gradient
+constexpr double negligible = 1e-3;  ///< change of a Hessian for the sensitivities that a search goes by
 
 double largest(const Eigen::VectorXd& v) {
   return v.size() == 0 ? 0.0 : v.cwiseAbs().maxCoeff();
@@ -212,7 +213,8 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
     }
     if (polish_ != Polish::full && way.exact_factor && fraction == 1 && next.energy <= energy.energy) {
       Eigen::VectorXd refined = trial;
-      if (refine(refined, p, 0.1 * size)) {
+      if (const auto changed = refine(refined, p, size)) {
+        if (polish_ == Polish::search) hessian_changed_ = *changed;
         u = refined;
         return {SolveStatus::converged, true};
       }
@@ -236,25 +238,27 @@ Equilibrium::NewtonResult Equilibrium::minimise(Eigen::VectorXd& u, const Params
   return {SolveStatus::iteration_limit, false};
 }
 
-/// Steps with the last factor again, as long as each is at most a tenth of the one before it; the first one says how
-/// much the Hessian has changed since. True when u has come to the tolerance.
-bool Equilibrium::refine(Eigen::VectorXd& u, const Params& p, double largest_step) {
+/// Steps with the last factor again, as long as each is at most a tenth of the one before it, which was `before`. When
+/// u has come to the tolerance: by which part the Hessian has changed since, which the first step shows.
+std::optional<double> Equilibrium::refine(Eigen::VectorXd& u, const Params& p, double before) {
   const double tolerance = this->tolerance();
+  double changed = 0;
   for (int iteration = 0; iteration < 8; ++iteration) {
     const Eigen::VectorXd step = -hessian_.solve(free_gradient_at(u, p));
     const double size = largest(step);
-    if (!(size <= largest_step)) return false;
+    if (!(size <= 0.1 * before)) return std::nullopt;
     double fraction = 1;
     u = motion(p).admissible(u, hessian_.reduction().extend_from_free(u, step), p, fraction);
-    if (fraction < 1) return false;
+    if (fraction < 1) return std::nullopt;
+    if (iteration == 0) changed = size / before;
     if (0.1 * size <= tolerance) {
       Assembly out;
       model_->evaluate(at(u, p), out);
-      return std::isfinite(out.energy);
+      return std::isfinite(out.energy) ? std::optional(changed) : std::nullopt;
     }
-    largest_step = 0.1 * size;
+    before = size;
   }
-  return false;
+  return std::nullopt;
 }
 
 /// Factorises the exact Hessian at u plus the smallest multiple of I of a few that makes it positive definite.
@@ -425,7 +429,7 @@ bool Equilibrium::is_held(const Eigen::VectorXd& u, const Params& p) {
 bool Equilibrium::follow(Eigen::VectorXd& u, const Params& p) {
   if (polish_ != Polish::rough || !has_factor_ || p == p_) return false;
   Eigen::VectorXd followed = u;
-  if (!refine(followed, p, 0.1 * largest(u - u_))) return false;
+  if (!refine(followed, p, largest(u - u_))) return false;
   u = followed;
   return true;
 }
@@ -433,6 +437,7 @@ bool Equilibrium::follow(Eigen::VectorXd& u, const Params& p) {
 /// Minimises from u and makes sure that the result is a minimum whose exact Hessian is factorised.
 SolveStatus Equilibrium::settle(Eigen::VectorXd& u, const Params& p) {
   indefinite_ = 0;
+  hessian_changed_ = 0;
   if (follow(u, p)) return SolveStatus::converged;
   has_factor_ = false;
   buckling_ = patient_;
@@ -450,7 +455,7 @@ SolveStatus Equilibrium::settle(Eigen::VectorXd& u, const Params& p) {
     if (has_factor_) {
       // Steps by iteration leave a part of themselves; one with this factor leaves its square.
       Eigen::VectorXd polished = u;
-      if (refine(polished, p, tolerance())) u = polished;
+      if (refine(polished, p, 10 * tolerance())) u = polished;
       return SolveStatus::converged;
     }
     if (!leave_saddle(u, p)) break;
@@ -472,7 +477,11 @@ Eigen::MatrixXd Equilibrium::sensitivities(const std::vector<int>& indices) cons
   const Reduction& reduction = hessian_.reduction();
   Eigen::MatrixXd rhs(reduction.size(), indices.size());
   for (size_t k = 0; k < indices.size(); ++k) rhs.col(k) = right_hand_side(indices[k]);
-  const Eigen::MatrixXd free = hessian_.solve(rhs);
+  Eigen::MatrixXd free = hessian_.solve(rhs);
+  if (hessian_changed_ > negligible) {
+    for (Eigen::Index k = 0; k < rhs.cols(); ++k) rhs.col(k) -= hessian_.times(free.col(k));
+    free += hessian_.solve(rhs);
+  }
   Eigen::MatrixXd all(model_->unknowns(), rhs.cols());
   for (size_t k = 0; k < indices.size(); ++k) {
     all.col(k) = reduction.extend_from_free(u_, free.col(k)) + model_->support_derivative(indices[k]);
@@ -687,6 +696,8 @@ const SolveReport& Equilibrium::solve(const Params& p, Polish polish, const Time
     report_.status = SolveStatus::not_held;
     has_factor_ = false;
   }
+  if (has_factor_ && hessian_changed_ > negligible)  // what sensitivities() corrects by
+    hessian_.assemble(at(u_, p_), Curvature::exact, nullptr);
   report_.factorisations = hessian_.factorisations() - factorisations + probed_;
   return report_;
 }

@@ -2,6 +2,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <atomic>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -81,7 +82,8 @@ struct SolveReport {
 enum class Polish {
   full,    ///< to step_tolerance, and the kept factor is of a state within that
   search,  ///< to step_tolerance, but the last steps go with the factor before them as long as that has changed by a
-           ///< tenth at most; sensitivities are off by as much. For searches whose end is computed again
+           ///< tenth at most; one correction leaves the square of that in sensitivities. For searches whose end is
+           ///< computed again
   rough    ///< the same to rough_tolerance, and the first steps go with the factor of the last equilibrium as long as
            ///< each is a tenth of the one before it: near that one no factorisation at all, and no proof of a minimum
 };
@@ -171,7 +173,7 @@ class Equilibrium {
   bool shorten(const Step& from, const Params& p, Eigen::VectorXd& u, Assembly& energy) const;
   NewtonResult minimise(Eigen::VectorXd& u, const Params& p);
   double tolerance() const;
-  bool refine(Eigen::VectorXd& u, const Params& p, double largest_step);
+  std::optional<double> refine(Eigen::VectorXd& u, const Params& p, double before);
   Eigen::VectorXd lowest_mode(const Eigen::VectorXd& besides) const;
   std::string heading(const Eigen::VectorXd& direction) const;
   bool leave_saddle(Eigen::VectorXd& u, const Params& p);
@@ -210,6 +212,7 @@ class Equilibrium {
   Params p_;
   const TimeStep* step_ = nullptr;  ///< the time step at work, if any
   bool has_factor_ = false;
+  double hessian_changed_ = 0;  ///< in a search: by which part, since the kept factor was made
   Polish polish_ = Polish::full;
   bool buckling_ = false;  ///< a saddle was left on the way to the equilibrium that is searched now
   /// The saddle that was left last.

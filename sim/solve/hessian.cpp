@@ -7,6 +7,12 @@
 #include "sim/core/sorted.hpp"
 
 namespace taut {
+namespace {
+
+/// Of the curvature along a direction by one Hessian, to that by another: below it they are quite different.
+constexpr double unlike = 0.05;
+
+}  // namespace
 
 Hessian::Hessian(const Model& model)
     : model_(&model),
@@ -153,6 +159,7 @@ std::optional<Eigen::VectorXd> Hessian::iterate(const Eigen::VectorXd& b, double
     const Eigen::VectorXd Hd = times(d);
     const double curvature = d.dot(Hd);
     if (!(curvature > 0)) break;
+    if (iteration == 0 && now < unlike * curvature) break;
     x += now / curvature * d;
     r -= now / curvature * Hd;
     before = now;

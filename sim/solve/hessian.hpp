@@ -26,8 +26,9 @@ class Hessian {
   Eigen::MatrixXd solve(const Eigen::MatrixXd& b) const { return cholesky().solve(b); }
   /// Solves with what was assembled last by conjugate gradients, preconditioned by the last factor, which may be of a
   /// state before or of a shifted Hessian, until the residual has fallen to `tolerance` in the norm of that factor's
-  /// inverse. Empty without a factor, where negative curvature shows on the way, and where it comes to cost as much as
-  /// a factorisation.
+  /// inverse. Empty without a factor, where negative curvature shows on the way, where it comes to cost as much as a
+  /// factorisation, and where the factor is quite another Hessian's (turned stiff directions): then the residual is all
+  /// of the stiffest, and what is solved for in the soft ones does not show in it.
   std::optional<Eigen::VectorXd> iterate(const Eigen::VectorXd& b, double tolerance) const;
   double price() const { return cholesky().price(); }  ///< of a factorisation, in solves
   void drop_factor() { factorised_ = false; }          ///< iterate() waits for another one

@@ -419,7 +419,7 @@ TEST(Equilibrium, ASearchEndsInTheSameStateWithFewerFactorisations) {
   const Model& model = *problem.scene.model;
   Params p = problem.scene.values, nearby = p;
   p[problem.force] = nearby[problem.force] = 2.0;
-  nearby[model.parameters().index("E_beam")] *= 1.02;
+  nearby[model.parameters().index("E_beam")] *= 1.1;
   Equilibrium full(model), search(model);
   for (Equilibrium* equilibrium : {&full, &search}) {
     equilibrium->start_at_rest(problem.scene.values);
@@ -431,7 +431,7 @@ TEST(Equilibrium, ASearchEndsInTheSameStateWithFewerFactorisations) {
   EXPECT_LE((search.u() - full.u()).cwiseAbs().maxCoeff(),
             2 * EquilibriumOptions().step_tolerance * model.length_scale());
   const Eigen::MatrixXd exact = full.sensitivities({problem.force}), near = search.sensitivities({problem.force});
-  EXPECT_LE((near - exact).norm(), 0.1 * exact.norm());
+  EXPECT_LE((near - exact).norm(), 2e-3 * exact.norm());
 }
 
 TEST(Equilibrium, ARoughSolveNearTheLastEquilibriumTakesNoFactorisationAtAll) {
