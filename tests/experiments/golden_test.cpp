@@ -1,6 +1,8 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <filesystem>
+#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "tests/support/command.hpp"
@@ -119,6 +121,10 @@ TEST_P(GoldenNumbers, AreWhatTheyWere) {
                    : golden.command == "ik" ? numbers_of_poses(run)
                                             : numbers_of_simulation(run);
   expect_same(Json::parse(text_of(root + "/tests/golden/" + golden.file + ".json")), now, golden.file, 1);
+  if (!HasFailure()) return;
+  const std::string seen = golden.file + "_now.json";
+  std::ofstream(seen) << now.dump(1);
+  ADD_FAILURE() << std::filesystem::absolute(seen).string() << " has the numbers of now";
 }
 
 INSTANTIATE_TEST_SUITE_P(Slow, GoldenNumbers,
