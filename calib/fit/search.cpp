@@ -32,24 +32,92 @@ class ResidualBlock final : public ceres::CostFunction {
   Evaluator& evaluator_;
 };
 
+/// A Gauss-Newton step that minds the bounds, and how much it promises that chi squared falls.
+struct BoundedStep {
+  Eigen::VectorXd step;
+  double decrease;
+};
+
+/// From `from`, with all that are in `held` where they are.
+BoundedStep step_within_bounds(const Evaluator& evaluator, const Linearised& from,
+                               const std::vector<Eigen::Index>& held) {
+  Eigen::VectorXd lower(from.q.size()), upper = lower;
+  for (Eigen::Index j = 0; j < from.q.size(); ++j) {
+    const bool stays = std::ranges::find(held, j) != held.end();
+    lower[j] = stays ? 0 : std::min(0.0, evaluator.scale(j).lower - from.q[j]);
+    upper[j] = stays ? 0 : std::max(0.0, evaluator.scale(j).upper - from.q[j]);
+  }
+  const Eigen::VectorXd step = bounded_least_squares(from.jacobian, -from.residuals, lower, upper);
+  return {step, from.residuals.squaredNorm() - (from.residuals + from.jacobian * step).squaredNorm()};
+}
+
 /// Ends a search that is interrupted, or that has nothing more to gain: that saves the evaluation which would show it.
 class StopCallback final : public ceres::IterationCallback {
  public:
-  StopCallback(const Evaluator& evaluator, Eigen::Index held, double tolerance)
+  StopCallback(const Evaluator& evaluator, const std::vector<Eigen::Index>& held, double tolerance)
       : evaluator_(evaluator), held_(held), tolerance_(tolerance) {}
   ceres::CallbackReturnType operator()(const ceres::IterationSummary& summary) override {
     if (evaluator_.halted()) return ceres::SOLVER_TERMINATE_SUCCESSFULLY;  // the best values so far are kept
     if (!summary.step_is_successful) return ceres::SOLVER_CONTINUE;
-    const double promised = promised_decrease(evaluator_, evaluator_.point(), held_);
-    return promised <= 0.1 * tolerance_ * evaluator_.chi_squared() ? ceres::SOLVER_TERMINATE_SUCCESSFULLY
-                                                                   : ceres::SOLVER_CONTINUE;
+    const Linearised here{evaluator_.point(), evaluator_.residuals(), evaluator_.jacobian()};
+    return step_within_bounds(evaluator_, here, held_).decrease <= 0.1 * tolerance_ * evaluator_.chi_squared()
+               ? ceres::SOLVER_TERMINATE_SUCCESSFULLY
+               : ceres::SOLVER_CONTINUE;
   }
 
  private:
   const Evaluator& evaluator_;
-  Eigen::Index held_;
+  const std::vector<Eigen::Index>& held_;
   double tolerance_;
 };
+
+/// Ceres's search from `q`, with all that are in `held` where they are.
+Minimum descend(Evaluator& evaluator, const Eigen::VectorXd& q, const std::vector<Eigen::Index>& held, double radius,
+                const FitOptions& options) {
+  Minimum minimum;
+  minimum.q = q;
+  if (!evaluator.evaluate(q)) {  // Ceres would say so on stderr
+    minimum.message = "the simulation failed at the start";
+    return minimum;
+  }
+  ceres::Problem::Options problem_options;
+  problem_options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  ResidualBlock block(evaluator);
+  ceres::Problem problem(problem_options);
+  std::vector<double*> blocks;
+  for (double& value : minimum.q) blocks.push_back(&value);
+  problem.AddResidualBlock(&block, nullptr, blocks);
+  for (Eigen::Index j = 0; j < q.size(); ++j) {
+    const Scale& scale = evaluator.scale(j);
+    double* const value = &minimum.q[j];
+    if (std::ranges::find(held, j) != held.end()) {
+      problem.SetParameterBlockConstant(value);
+      continue;
+    }
+    if (std::isfinite(scale.lower)) problem.SetParameterLowerBound(value, 0, scale.lower);
+    if (std::isfinite(scale.upper)) problem.SetParameterUpperBound(value, 0, scale.upper);
+  }
+  StopCallback stop(evaluator, held, options.tolerance);
+  ceres::Solver::Options solver;
+  solver.linear_solver_type = ceres::DENSE_QR;
+  solver.max_num_iterations = options.max_iterations;
+  solver.function_tolerance = options.tolerance;
+  solver.parameter_tolerance = 1e-10;
+  solver.gradient_tolerance = 1e-12;
+  solver.initial_trust_region_radius = radius;
+  solver.max_num_consecutive_invalid_steps = 20;  // failed simulations shorten the step, they do not end the fit
+  solver.logging_type = ceres::SILENT;
+  solver.callbacks.push_back(&stop);
+  ceres::Solver::Summary summary;
+  ceres::Solve(solver, &problem, &summary);
+  const bool nothing_more = summary.termination_type == ceres::USER_SUCCESS;
+  minimum.failed = summary.termination_type == ceres::FAILURE;
+  minimum.converged = nothing_more || summary.termination_type == ceres::CONVERGENCE;
+  minimum.iterations = std::max(0, static_cast<int>(summary.iterations.size()) - 1);
+  minimum.message = nothing_more ? "a further step promises nothing more" : summary.message;
+  minimum.chi_squared = 2 * summary.final_cost;
+  return minimum;
+}
 
 }  // namespace
 
@@ -123,73 +191,44 @@ Eigen::MatrixXd Evaluator::jacobian() const {
 }
 
 double promised_decrease(const Evaluator& at, const Eigen::VectorXd& q, Eigen::Index held) {
-  const Eigen::VectorXd r = at.residuals();
-  const Eigen::MatrixXd J = at.jacobian();
-  Eigen::MatrixXd open = J;
-  for (Eigen::Index j = 0; j < q.size(); ++j) {
-    const Scale& scale = at.scale(j);
-    const double downhill = -J.col(j).dot(r), room = downhill > 0 ? scale.upper - q[j] : q[j] - scale.lower;
-    if (room < 1e-6 * scale.range(q[j]) || j == held) open.col(j).setZero();
-  }
-  return (open * minimum_norm_solution(open, r)).squaredNorm();
+  return step_within_bounds(at, {q, at.residuals(), at.jacobian()}, {held}).decrease;
 }
 
-Promise promised_minimum(const Evaluator& evaluator, const Linearised& from, Eigen::Index held, double value) {
-  Promise promise{from.q, not_a_number};
-  Eigen::VectorXd residuals = from.residuals;
-  Eigen::MatrixXd open = from.jacobian;
+Promise promised_minimum(const Evaluator& evaluator, Linearised from, Eigen::Index held, double value) {
   if (held >= 0) {
-    promise.q[held] = value;
-    residuals += from.jacobian.col(held) * (value - from.q[held]);
-    open.col(held).setZero();
+    from.residuals += from.jacobian.col(held) * (value - from.q[held]);
+    from.q[held] = value;
   }
-  promise.q -= minimum_norm_solution(open, residuals);
+  const BoundedStep way = step_within_bounds(evaluator, from, {held});
+  Promise promise{from.q + way.step, from.residuals.squaredNorm() - way.decrease};
   for (Eigen::Index j = 0; j < promise.q.size(); ++j) promise.q[j] = evaluator.scale(j).clamped(promise.q[j]);
-  promise.chi_squared = (from.residuals + from.jacobian * (promise.q - from.q)).squaredNorm();
   return promise;
 }
 
 Minimum minimise(Evaluator& evaluator, const Eigen::VectorXd& q, Eigen::Index held, double radius,
                  const FitOptions& options) {
-  Minimum minimum;
-  minimum.q = q;
-  if (!evaluator.evaluate(q)) {  // Ceres would say so on stderr
-    minimum.message = "the simulation failed at the start";
-    return minimum;
+  Minimum minimum = descend(evaluator, q, {held}, radius, options);
+  // Ceres shortens a step that meets a bound as a whole, and may end where those that are free have still far to go.
+  // What a step within the bounds leaves at one waits there.
+  for (Eigen::Index round = 0; round < 2 * q.size() && !minimum.failed && !evaluator.halted(); ++round) {
+    if (!evaluator.evaluate(minimum.q)) break;
+    const BoundedStep way =
+        step_within_bounds(evaluator, {minimum.q, evaluator.residuals(), evaluator.jacobian()}, {held});
+    if (way.decrease <= options.tolerance * minimum.chi_squared) break;
+    std::vector<Eigen::Index> waiting{held};
+    Eigen::VectorXd start = minimum.q;
+    for (Eigen::Index j = 0; j < q.size(); ++j) {
+      const Scale& scale = evaluator.scale(j);
+      if (j == held || scale.room(minimum.q[j] + way.step[j]) > 1e-12 * scale.range(q[j])) continue;
+      waiting.push_back(j);
+      start[j] = scale.clamped(minimum.q[j] + way.step[j]);
+    }
+    if (round == 0 && waiting.size() == 1) break;  // no bound is in the way
+    Minimum lower = descend(evaluator, start, waiting, undamped, options);
+    if (lower.failed || !(lower.chi_squared < minimum.chi_squared)) break;
+    lower.iterations += minimum.iterations;
+    minimum = std::move(lower);
   }
-  ceres::Problem::Options problem_options;
-  problem_options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-  ResidualBlock block(evaluator);
-  ceres::Problem problem(problem_options);
-  std::vector<double*> blocks;
-  for (double& value : minimum.q) blocks.push_back(&value);
-  problem.AddResidualBlock(&block, nullptr, blocks);
-  for (Eigen::Index j = 0; j < q.size(); ++j) {
-    const Scale& scale = evaluator.scale(j);
-    double* const value = &minimum.q[j];
-    if (j == held) problem.SetParameterBlockConstant(value);
-    if (j != held && std::isfinite(scale.lower)) problem.SetParameterLowerBound(value, 0, scale.lower);
-    if (j != held && std::isfinite(scale.upper)) problem.SetParameterUpperBound(value, 0, scale.upper);
-  }
-  StopCallback stop(evaluator, held, options.tolerance);
-  ceres::Solver::Options solver;
-  solver.linear_solver_type = ceres::DENSE_QR;
-  solver.max_num_iterations = options.max_iterations;
-  solver.function_tolerance = options.tolerance;
-  solver.parameter_tolerance = 1e-10;
-  solver.gradient_tolerance = 1e-12;
-  solver.initial_trust_region_radius = radius;
-  solver.max_num_consecutive_invalid_steps = 20;  // failed simulations shorten the step, they do not end the fit
-  solver.logging_type = ceres::SILENT;
-  solver.callbacks.push_back(&stop);
-  ceres::Solver::Summary summary;
-  ceres::Solve(solver, &problem, &summary);
-  const bool nothing_more = summary.termination_type == ceres::USER_SUCCESS;
-  minimum.failed = summary.termination_type == ceres::FAILURE;
-  minimum.converged = nothing_more || summary.termination_type == ceres::CONVERGENCE;
-  minimum.iterations = std::max(0, static_cast<int>(summary.iterations.size()) - 1);
-  minimum.message = nothing_more ? "a further step promises nothing more" : summary.message;
-  minimum.chi_squared = 2 * summary.final_cost;
   return minimum;
 }
 

@@ -100,8 +100,8 @@ class Evaluator {
   int phase_end_ = 0;  ///< where it usually ends
 };
 
-/// Decrease of chi squared that a Gauss-Newton step from the newest evaluation at `q` promises; it is the square of the
-/// step in standard errors. Parameters at bounds that hold them do not count, nor does `held`.
+/// Decrease of chi squared that a Gauss-Newton step within the bounds from the newest evaluation at `q` promises, with
+/// parameter `held` where it is; away from bounds it is the square of the step in standard errors.
 double promised_decrease(const Evaluator& at, const Eigen::VectorXd& q, Eigen::Index held);
 
 /// The residuals around a point, to first order.
@@ -118,7 +118,7 @@ struct Promise {
 };
 
 /// The lowest chi squared that `from` promises within the bounds, with parameter `held` at `value` (-1: all are free).
-Promise promised_minimum(const Evaluator& evaluator, const Linearised& from, Eigen::Index held, double value);
+Promise promised_minimum(const Evaluator& evaluator, Linearised from, Eigen::Index held, double value);
 
 /// Lets a protocol search while it lives.
 struct Searching {

@@ -34,6 +34,10 @@ SingularValues singular_values(const Eigen::MatrixXd& A);
 Eigen::VectorXd least_squares(const Eigen::MatrixXd& A, const Eigen::VectorXd& b);
 /// The smallest of the x that make |A x - b| smallest, where A may not have full rank.
 Eigen::VectorXd minimum_norm_solution(const Eigen::MatrixXd& A, const Eigen::VectorXd& b);
+/// The x within `lower` and `upper` that makes |A x - b| smallest, by an active set (Stark and Parker 1995,
+/// Computational Statistics 10, 129); of several one near zero. Bounds that are equal hold an entry.
+Eigen::VectorXd bounded_least_squares(const Eigen::MatrixXd& A, const Eigen::VectorXd& b, const Eigen::VectorXd& lower,
+                                      const Eigen::VectorXd& upper);
 /// Rank of A: how many pivots of that QR are above `threshold` times the largest.
 Eigen::Index rank_of(const Eigen::MatrixXd& A, double threshold);
 

@@ -140,7 +140,7 @@ TEST(RunFitOfSolids, RowsOfTheSolidHaveNoShareOfAPlaneSection) {
   }
 }
 
-TEST(TiedTriple, EndsInAResultThatSaysSoAndNotAtTheLimitOfIterations) {
+TEST(TiedTriple, EndsInAResultThatSaysSo) {
   TemporaryFolder folder;
   folder.write("bench.csv",
                "trial,pull_N,tip_mm\na,0.02,1.4\na,0.05,3.5\na,0.1,6.8\nb,0.02,1.5\nb,0.05,3.4\nb,0.1,6.9\n");
@@ -150,9 +150,9 @@ TEST(TiedTriple, EndsInAResultThatSaysSoAndNotAtTheLimitOfIterations) {
   const FitResult result = fit(bench->protocol(), bench->measurements(), bench->better_starts(bench->free()));
   EXPECT_EQ(result.status, FitStatus::converged) << result.message;
   for (const ParameterEstimate& e : result.parameters) {
-    EXPECT_NE(e.verdict, Verdict::unknown);
-    EXPECT_NE(e.verdict, Verdict::well_determined) << e.explanation;
-    EXPECT_FALSE(e.lower95 && e.upper95) << e.spec.id;
+    // E times thickness is seen, and Poisson's ratio hardly: within the bounds of one the other may be anything.
+    EXPECT_EQ(e.verdict, e.spec.id == "nu_foam" ? Verdict::invisible : Verdict::tied) << e.explanation;
+    EXPECT_FALSE(e.lower95 || e.upper95) << e.spec.id;
   }
 }
 
