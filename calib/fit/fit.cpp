@@ -136,7 +136,7 @@ class Fit {
       evaluator_.history = last_.history = nullptr;
       find_covariance();
       lowest_ = best_;
-      find_intervals();
+      find_intervals(restart == most_restarts);
       add_cost(result_.profiles);
       if (!lower_found() || restart == most_restarts || evaluator_.stopped()) break;
       best_ = lowest_;
@@ -283,20 +283,33 @@ class Fit {
   /// Looking for the ends of intervals has met a lower chi squared than the search did.
   bool lower_found() const { return lowest_.chi_squared < best_.chi_squared - lower_minimum; }
 
-  /// Verdicts and intervals, until a lower chi squared is met.
-  void find_intervals() {
+  /// Verdicts and intervals, until a lower chi squared is met; or of all parameters, where a search has not come to
+  /// what was met so far.
+  void find_intervals(bool of_all) {
     const Searching profiles(protocol_);
     evaluator_.allow(options_.profile_budget, replay_factorisations_);
-    for (Eigen::Index j = 0; j < evaluator_.count() && !lower_found(); ++j) {
+    double lowest = best_.chi_squared;
+    const auto goes_on = [&](Eigen::Index j) {
+      lowest = std::min(lowest, lowest_.chi_squared);
+      if (of_all) lowest_ = best_;
+      return j < evaluator_.count() && !lower_found();
+    };
+    for (Eigen::Index j = 0; goes_on(j); ++j) {
       judge_parameter(j);
       look_into_other_valleys();
     }
     // What a profile met tells of the ends of the others, too.
-    for (Eigen::Index j = 0; j < evaluator_.count() && !lower_found(); ++j) {
+    for (Eigen::Index j = 0; goes_on(j); ++j) {
       go_on_from_other_valleys(j, -1);
       go_on_from_other_valleys(j, +1);
     }
     evaluator_.allow(std::numeric_limits<double>::infinity(), 0);
+    if (of_all && lowest < best_.chi_squared - lower_minimum)
+      result_.remarks.push_back(
+          fmt::format("profiles met a chi squared of {:.5g}, to which a search along the protocol's own path does not "
+                      "come, but to {:.5g}: rows may have more than one equilibrium; an interval whose end was looked "
+                      "for there is open",
+                      lowest, best_.chi_squared));
   }
 
   /// Where a point that was met promises another minimum, lower than the optimum and not the same, looks there.

@@ -20,6 +20,21 @@ std::vector<FreeParameter> free_at(const FitResult& fit, const ParameterTable& t
   return free;
 }
 
+std::vector<FreeParameter> free_beyond_bounds(const FitResult& fit, const ParameterTable& table) {
+  std::vector<FreeParameter> free = free_at(fit, table);
+  for (FreeParameter& one : free) {
+    const double range = one.upper - one.lower;
+    const bool logarithmic = table[one.index].logarithmic;
+    const auto apart = [&](double bound) {
+      return logarithmic ? std::abs(std::log(one.start / bound)) : std::abs(one.start - bound) / range;
+    };
+    if (apart(one.lower) < 1e-6 || apart(one.upper) < 1e-6) continue;
+    one.lower = logarithmic ? std::min(one.lower, one.start / 4) : one.lower - range;
+    one.upper = logarithmic ? std::max(one.upper, one.start * 4) : one.upper + range;
+  }
+  return free;
+}
+
 Eigen::VectorXd gauss_newton_step(const Prediction& prediction, const std::vector<Measurement>& measurements,
                                   const ParameterTable& table, const Params& p,
                                   const std::vector<FreeParameter>& free) {

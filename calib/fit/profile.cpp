@@ -33,6 +33,7 @@ std::optional<double> ProfileEnd::find(double guess, bool alone) {
 std::optional<double> ProfileEnd::go_on(double end, const Eigen::VectorXd& all) {
   start_ = all;
   start_[j_] = end;
+  inner_.all = start_;
   inner_ = place_at(end);
   if (!(inner_.rise < profile_rise) || nearly(inner_)) return end;
   const std::optional<double> farther = find(0.1 * std::abs(end - best_.q[j_]), false);
@@ -57,7 +58,7 @@ ProfileEnd::Place ProfileEnd::place_at(double q) {
   // the tangent leads them astray, and the search from there may not come back.
   constexpr double astray = 25 * profile_rise;
   const double moved = q - start_[j_];
-  Eigen::VectorXd plain = start_;
+  Eigen::VectorXd plain = inner_.all;  // what lies outside of the valley may have no way back
   plain[j_] = q;
   for (Eigen::Index i = 0; i < start_.size(); ++i)
     start_[i] = evaluator_.scale(i).clamped(start_[i] + moved * slopes_[i] / slopes_[j_]);

@@ -52,7 +52,7 @@ std::vector<Share> assumption_shares(const Experiment& experiment, const Dimensi
   const ParameterTable& table = protocol.parameters();
   const Params p = model.values_of(fit);
   const std::vector<Assumption> assumptions = assumptions_of(experiment, table, p, model.dimensions);
-  const std::vector<FreeParameter> free = free_at(fit, table);
+  const std::vector<FreeParameter> free = free_beyond_bounds(fit, table);
   std::vector<int> asked = indices_of(free);
   for (const Assumption& assumption : assumptions) asked.push_back(table.index(assumption.id));
   const Prediction whole = ask ? ask(protocol, p, asked) : protocol.predict(p, asked);
@@ -100,7 +100,7 @@ std::vector<Share> assumption_shares(const Experiment& experiment, const Dimensi
 Share model_share(const Bench& bench, const FitResult& fit, const Ask& ask) {
   const Stopwatch watch;
   const ParameterTable& table = bench.protocol().parameters();
-  const std::vector<FreeParameter> free = free_at(fit, table);
+  const std::vector<FreeParameter> free = free_beyond_bounds(fit, table);
   const std::vector<int> columns = indices_of(free);
   const Prediction own = ask ? ask(bench.protocol(), fit.p, columns) : bench.protocol().predict(fit.p, columns);
   Share share;
@@ -141,7 +141,7 @@ std::optional<Share> law_share(const Bench& bench, const FitResult& fit, const A
   }
   const std::unique_ptr<Bench> there = bench.with(other);
   const ParameterTable& table = bench.protocol().parameters();
-  const std::vector<FreeParameter> free = free_at(fit, table);
+  const std::vector<FreeParameter> free = free_beyond_bounds(fit, table);
   const auto step = [&](const Bench& of) {
     const std::vector<int> columns = indices_of(free);
     const Prediction own = ask ? ask(of.protocol(), fit.p, columns) : of.protocol().predict(fit.p, columns);

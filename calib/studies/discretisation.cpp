@@ -87,7 +87,7 @@ struct Fitted {
     if (!model.left_out.empty()) return {{}, model.left_out.front()};
     Protocol& protocol = *model.protocol;
     const ParameterTable& table = protocol.parameters();
-    const std::vector<FreeParameter> free = free_at(fit, table);
+    const std::vector<FreeParameter> free = free_beyond_bounds(fit, table);
     Params p = protocol.nominal();  // by ids: a solid has no thickness among its parameters
     for (const FreeParameter& parameter : free) p[parameter.index] = parameter.start;
     const Prediction prediction = ask ? ask(protocol, p, indices_of(free)) : protocol.predict(p, indices_of(free));

@@ -59,7 +59,7 @@ std::optional<LipFriction> lip_friction(const Bench& bench, const FitResult& fit
   if (std::ranges::none_of(solved.conditions(), &StaticProtocol::Condition::held)) return std::nullopt;
 
   const ParameterTable& table = bench.protocol().parameters();
-  const std::vector<FreeParameter> free = free_at(fit, table);
+  const std::vector<FreeParameter> free = free_beyond_bounds(fit, table);
   const std::vector<int> columns = indices_of(free);
   const Prediction own = ask ? ask(bench.protocol(), fit.p, columns) : bench.protocol().predict(fit.p, columns);
 

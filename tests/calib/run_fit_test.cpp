@@ -120,6 +120,51 @@ TEST_F(RunFit, PartsWhoseModuliScatterAreAShareOfTheirSpreadAndSayWhatTheNextOne
   EXPECT_LE(*modulus.total_lower95, *modulus.lower95);
 }
 
+// A modulus goes as one over the thickness: 5 % of it are 5 % of the modulus, wherever its bound is.
+TEST_F(RunFit, ABoundNearbyCutsNoShare) {
+  const std::string csv = "trial,pull_N,tip_mm\na,0.001,0.3\na,0.002,0.6\nb,0.001,0.302\nb,0.002,0.598\n";
+  const std::string wide = replaced(beam_toml, "thickness = \"20 mm\"", "thickness = \"20 mm +- 1 mm\"");
+  const double E = run({}, wide, csv).fit.parameters.front().value;
+  const std::string near = replaced(wide, "upper = \"10 MPa\"", fmt::format("upper = \"{} Pa\"", 1.03 * E));
+  for (const std::string& toml : {wide, near}) {
+    const RunRecord record = run({}, replaced(toml, "start = \"50 kPa\"", fmt::format("start = \"{} Pa\"", E)), csv);
+    const auto share = std::ranges::find(record.shares, "thickness", &Share::source);
+    ASSERT_NE(share, record.shares.end());
+    EXPECT_NEAR(share->error[0] / E, 0.05, 0.003);
+    EXPECT_LT(*record.fit.parameters.front().total_lower95, 0.955 * E);
+  }
+}
+
+// Beyond some softness of the beam no clamp makes up for it: a search that has been there finds no way back by itself.
+TEST(Profiles, AnEndIsNotWhereASearchFromOutsideGetsStuck) {
+  TemporaryFolder folder;
+  std::string csv = "trial,pull_N,tip_mm\n";
+  for (const char* row : {"a,0.5,4.64", "b,0.5,4.61", "c,0.5,4.70", "a,1,9.10", "b,1,9.18", "c,1,9.06", "a,2,17.55",
+                          "b,2,17.40", "c,2,17.42", "a,4,30.73", "b,4,30.71", "c,4,30.91"})
+    csv += std::string(row) + "\n";
+  folder.write("bench.csv", csv);
+  std::string toml = replaced(beam_toml, "data = \"simulated\"", "data = \"simulated\"\nmodel = \"beam\"");
+  toml = replaced(toml, "size = [\"60 mm\", \"12 mm\"]", "size = [\"55 mm\", \"30 mm\"]");
+  toml = replaced(toml, "thickness = \"20 mm\"", "thickness = \"30 mm\"");
+  toml = replaced(toml, "fix = [\"x\", \"y\"]", "rotation_stiffness = \"20 Nm/rad\"");
+  toml = replaced(toml, "{ absolute = \"0.1 mm\" }",
+                  "{ relative = \"1 %\", absolute = \"0.02 mm\", resolution = \"0.01 mm\" }");
+  const auto fitted = [&](const std::string& file, const std::string& text) {
+    const std::unique_ptr<Bench> bench = open_bench(folder.write(file, text));
+    return fit(bench->protocol(), bench->measurements(), bench->better_starts(bench->free()));
+  };
+  const FitResult both = fitted("both.toml", toml + "\n[fit.free.k_base]\n");
+  ASSERT_EQ(both.status, FitStatus::converged);
+  const FitResult stiff =
+      fitted("stiff.toml", replaced(toml, "rotation_stiffness = \"20 Nm/rad\"", "rotation_stiffness = \"8 Nm/rad\""));
+  ASSERT_EQ(stiff.status, FitStatus::converged);
+  ASSERT_LT(stiff.chi_squared, both.chi_squared + 3.84) << "so that its modulus lies within the interval";
+  ASSERT_LT(stiff.parameters[0].value, 0.8 * both.parameters[0].value);
+  if (both.parameters[0].lower95) {
+    EXPECT_LE(*both.parameters[0].lower95, 1.001 * stiff.parameters[0].value);
+  }
+}
+
 TEST(RunFitOfSolids, RowsOfTheSolidHaveNoShareOfAPlaneSection) {
   TemporaryFolder folder;
   folder.write("bench.csv", "trial,pull_N,tip_mm\na,0.02,0.4\nb,0.02,0.41\n");

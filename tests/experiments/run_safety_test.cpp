@@ -159,6 +159,17 @@ TEST_F(Run, ASimulationDoesNotTakeAFitsPlace) {
   EXPECT_TRUE(fs::exists(folder / "run/fit.json"));
 }
 
+TEST_F(Run, WhatNoRunWroteIsNotReplaced) {
+  fs::create_directories(folder / "mine/figures");
+  folder.write("mine/figures/sketch.txt", "mine");
+  folder.write("mine/experiment.toml", "mine, too");
+  const Outcome refused = fit("mine", {"--no-variants"});
+  EXPECT_EQ(refused.code, 2);
+  expect_holds(refused.err, {"mine: holds a file experiment.toml, which no run wrote", "--out"});
+  EXPECT_EQ(text_of(folder / "mine/experiment.toml"), "mine, too");
+  EXPECT_EQ(text_of(folder / "mine/figures/sketch.txt"), "mine");
+}
+
 TEST_F(Run, PosesTakeTheOldOnesPlaceAsAWhole) {
   folder.write("robot.toml", posed_robot_toml);
   ASSERT_EQ(taut({"ik", "robot.toml", "--out", "poses"}).code, 0);
