@@ -244,8 +244,9 @@ std::vector<FreeParameter> free_parameters(const Experiment& experiment, const P
       for (double value : {parameter.lower, parameter.start, parameter.upper})
         protocol.parameters().check(parameter.index, value);
       if (!(parameter.lower < parameter.upper))
-        throw InputError(fmt::format("the lower bound {} must be less than the upper one, {}; exchange or widen them",
-                                     with_unit(parameter.lower, spec.unit), with_unit(parameter.upper, spec.unit)));
+        throw InputError(
+            fmt::format("the lower bound {} must be less than the upper one, {}; exchange or widen the bounds",
+                        with_unit(parameter.lower, spec.unit), with_unit(parameter.upper, spec.unit)));
       if (!(parameter.lower <= parameter.start && parameter.start <= parameter.upper)) {
         throw InputError(fmt::format("the start {} must lie between the bounds {} and {}",
                                      with_unit(parameter.start, spec.unit), with_unit(parameter.lower, spec.unit),
