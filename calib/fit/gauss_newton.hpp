@@ -11,8 +11,8 @@ double scale_of(const FreeParameter& parameter, const ParameterTable& table, con
 /// The parameters that were fitted, as free ones of another table that has them too, from where the fit ended.
 std::vector<FreeParameter> free_at(const FitResult& fit, const ParameterTable& table);
 
-/// The same for what an assumption does to them: a bound that a parameter does not rest at is out of the way, since what
-/// it would be with another assumption is no less for a bound nearby.
+/// The same for what an assumption does to them: a bound that a parameter does not rest at is out of the way, since
+/// what it would be with another assumption is no less for a bound nearby.
 std::vector<FreeParameter> free_beyond_bounds(const FitResult& fit, const ParameterTable& table);
 
 /// One Gauss-Newton step of a fit's weighted least squares from the parameters `p`, at which `prediction` holds values
