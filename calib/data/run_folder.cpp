@@ -30,10 +30,10 @@ constexpr const char* simulation_file = "animation.html";
 /// Room on the disk for the list of files, so that a run that fills it can still be published.
 constexpr const char* reserve_file = ".reserve";
 
-/// Names that runs give their files and folders; once they kept no list of them, all of theirs.
-const std::vector<std::string> usual_files{"fit.json", "predictions.csv", "report.html",  "experiment.toml",
-                                           "data.csv", "mesh.msh",        "channels.csv", "animation.html",
-                                           "figures",  "states",          "frames"};
+/// What runs wrote before they kept a list of it.
+const std::vector<std::string> before_lists{"fit.json", "predictions.csv", "report.html",  "experiment.toml",
+                                            "data.csv", "mesh.msh",        "channels.csv", "animation.html",
+                                            "figures",  "states",          "frames"};
 
 std::vector<std::string> lines_of(const fs::path& file) {
   std::vector<std::string> lines;
@@ -65,14 +65,16 @@ bool holds_run(const fs::path& folder) {
 /// What the run that stands in a folder consists of.
 std::vector<std::string> published(const fs::path& folder) {
   if (fs::exists(folder / list_file)) return lines_of(folder / list_file);
-  return holds_run(folder) ? usual_files : std::vector<std::string>();
+  return holds_run(folder) ? before_lists : std::vector<std::string>();
 }
 
-/// A file with the name of one that runs consist of, in a folder where no run stands; empty: there is none.
-std::string foreign_file(const fs::path& folder) {
+/// An input of someone's own, with the name of a run's copy of it, in a folder where no run stands; empty: there is
+/// none. Results may be those of `taut replay`, which keeps no list.
+std::string own_input(const fs::path& folder) {
   if (!published(folder).empty()) return "";
-  const auto there = std::ranges::find_if(usual_files, [&](const auto& file) { return fs::exists(folder / file); });
-  return there == usual_files.end() ? "" : *there;
+  for (const char* file : {"experiment.toml", "data.csv"})
+    if (fs::exists(folder / file)) return file;
+  return "";
 }
 
 /// Moves what a publish() has left to move. The list of files comes last, so that a kill at any point leaves the rest
@@ -124,7 +126,7 @@ RunFolder::RunFolder(std::string path, Kind kind) : path_(std::move(path)) {
   }
   try {
     roll_forward(path_);
-    if (const std::string file = foreign_file(path_); !file.empty()) {
+    if (const std::string file = own_input(path_); !file.empty()) {
       close(lock_);
       throw InputError(fmt::format(
           "{}: holds a file {}, which no run wrote and this one would replace; choose another folder with --out", path_,

@@ -20,8 +20,8 @@ class RunFolder {
   /// What stands in a folder; one kind does not take the other's place.
   enum class Kind { fit, simulation };
   /// Makes the folder and takes its lock. Throws InputError when it cannot be made or written, when another process is
-  /// at work there, when it holds a run of the other kind, or no run but a file with the name of one that runs
-  /// consist of.
+  /// at work there, when it holds a run of the other kind, or no run but an experiment.toml or data.csv of
+  /// someone's own.
   explicit RunFolder(std::string path, Kind kind = Kind::fit);
   ~RunFolder();
   RunFolder(const RunFolder&) = delete;

@@ -170,6 +170,13 @@ TEST_F(Run, WhatNoRunWroteIsNotReplaced) {
   EXPECT_EQ(text_of(folder / "mine/figures/sketch.txt"), "mine");
 }
 
+TEST_F(Run, AFitGoesToTheFolderOfAReplay) {
+  ASSERT_EQ(taut({"replay", "experiment.toml", "--out", "both"}).code, 0);
+  EXPECT_TRUE(fs::exists(folder / "both/predictions.csv"));
+  EXPECT_EQ(fit("both", {"--no-variants"}).code, 0);
+  EXPECT_TRUE(fs::exists(folder / "both/fit.json"));
+}
+
 TEST_F(Run, PosesTakeTheOldOnesPlaceAsAWhole) {
   folder.write("robot.toml", posed_robot_toml);
   ASSERT_EQ(taut({"ik", "robot.toml", "--out", "poses"}).code, 0);
