@@ -29,7 +29,7 @@ bool stopped_by_failures(const Evaluator& searching, const Evaluator& last, cons
   for (Eigen::Index j = 0; j < q.size(); ++j) {
     if (std::abs(searching.last_failure[j] - q[j]) > 1e-2 * last.scale(j).range(q[j])) return false;
   }
-  return promised_decrease(last, q, -1) > std::max(1e-3, 1e-6 * last.chi_squared());
+  return promised_decrease(last, q) > std::max(1e-3, 1e-6 * last.chi_squared());
 }
 
 /// What a parameter's standard error on the fitted scale is compared with, and the words for it.
@@ -389,7 +389,7 @@ class Fit {
   bool agrees(double again) const {
     const double apart = std::abs(again - best_.chi_squared) / (1 + best_.chi_squared);
     if (apart <= 1e-6) return true;
-    return apart <= 1e-2 && promised_decrease(last_, best_.q, -1) <= std::max(1e-3, 1e-5 * again);
+    return apart <= 1e-2 && promised_decrease(last_, best_.q) <= std::max(1e-3, 1e-5 * again);
   }
 
   /// What is reported is computed once more from the start of the protocol's path, without the fit's history. Should
@@ -419,7 +419,7 @@ class Fit {
       const double again = last_.chi_squared();
       // A search along a valley that is level (tied parameters) takes all its iterations and has nothing more to gain.
       if (result_.status == FitStatus::not_converged &&
-          promised_decrease(last_, best_.q, -1) <= std::max(1e-3, 1e-5 * again))
+          promised_decrease(last_, best_.q) <= std::max(1e-3, 1e-5 * again))
         result_.status = FitStatus::converged;
       if (round == 3 ? !jumps_beside() : agrees(again)) break;
       evaluator_.reset();
@@ -450,7 +450,7 @@ class Fit {
   /// another.
   bool jumps_beside() const {
     return result_.status == FitStatus::converged &&
-           promised_decrease(last_, best_.q, -1) > std::max(1e-2, 1e-4 * last_.chi_squared());
+           promised_decrease(last_, best_.q) > std::max(1e-2, 1e-4 * last_.chi_squared());
   }
 
   void list_estimates() {

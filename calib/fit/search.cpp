@@ -190,8 +190,8 @@ Eigen::MatrixXd Evaluator::jacobian() const {
   return noise_scaled(prediction_, measurements_).jacobian;
 }
 
-double promised_decrease(const Evaluator& at, const Eigen::VectorXd& q, Eigen::Index held) {
-  return step_within_bounds(at, {q, at.residuals(), at.jacobian()}, {held}).decrease;
+double promised_decrease(const Evaluator& at, const Eigen::VectorXd& q) {
+  return step_within_bounds(at, {q, at.residuals(), at.jacobian()}, {}).decrease;
 }
 
 Promise promised_minimum(const Evaluator& evaluator, Linearised from, Eigen::Index held, double value) {

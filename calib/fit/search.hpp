@@ -100,9 +100,9 @@ class Evaluator {
   int phase_end_ = 0;  ///< where it usually ends
 };
 
-/// Decrease of chi squared that a Gauss-Newton step within the bounds from the newest evaluation at `q` promises, with
-/// parameter `held` where it is; away from bounds it is the square of the step in standard errors.
-double promised_decrease(const Evaluator& at, const Eigen::VectorXd& q, Eigen::Index held);
+/// Decrease of chi squared that a Gauss-Newton step within the bounds from the newest evaluation at `q` promises; away
+/// from bounds it is the square of the step in standard errors.
+double promised_decrease(const Evaluator& at, const Eigen::VectorXd& q);
 
 /// The residuals around a point, to first order.
 struct Linearised {

@@ -13,7 +13,7 @@ namespace taut {
 namespace {
 
 using namespace test;
-using Json = nlohmann::json;
+using Json = nlohmann::ordered_json;  // what is written reads as it was put together
 
 /// Members of each entry of a list.
 Json picked(const Json& list, const std::vector<std::string>& names) {
